@@ -1,0 +1,1 @@
+#include "hw_sim/exposure_engine.h"

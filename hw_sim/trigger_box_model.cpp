@@ -1,0 +1,1 @@
+#include "hw_sim/trigger_box_model.h"

@@ -1,0 +1,1 @@
+// The adapter of its device; see its header.

@@ -1,0 +1,63 @@
+// The rig file: one TOML file that says which devices a rig is made of and how it is run. Every key
+// is documented in config/rig.example.toml; an unknown key is an error with file, line and the
+// nearest known key.
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "rig/camera.h"
+#include "rig/fault.h"
+#include "rig/projector.h"
+#include "rig/trigger.h"
+
+namespace rig {
+
+// What the camera's numbers mean; copied into every session.
+struct SensorSettings {
+  double black_level_dn = 0;
+  double saturation_level_dn = 0;
+  std::optional<double> gain_e_per_dn;
+  std::optional<double> read_noise_e;
+};
+
+struct SequenceSettings {
+  std::vector<std::chrono::microseconds> exposures;  // brackets, shortest first, 1 to 8
+  std::chrono::milliseconds edge_deadline{500};      // from show() to the photodiode's edge
+  std::chrono::milliseconds frame_deadline{1000};    // from the end of a pulse to its frame
+  int retake_limit = 3;                              // per pattern; then the capture fails
+  bool is_shuffled = false;  // order of the stripe shifts (estimation.md section 4)
+};
+
+struct StorageSettings {
+  std::filesystem::path directory = "sessions";  // relative to the working directory
+};
+
+struct DaemonSettings {
+  int port = 8640;
+};
+
+struct RigFile {
+  std::filesystem::path path;  // as given
+  std::string name;
+  CameraSettings camera;
+  SensorSettings sensor;
+  ProjectorSettings projector;
+  TriggerSettings trigger;
+  SequenceSettings sequence;
+  StorageSettings storage;
+  DaemonSettings daemon;
+  std::filesystem::path calibration_file;  // resolved against the rig file's folder; empty: none
+};
+
+// Everything wrong with the file at once: one Error (kConfiguration) whose detail has a line per
+// fault, "FILE:LINE: ...". Thread-safe.
+Result<RigFile> read_rig_file(const std::filesystem::path& path);
+
+// The same from memory; `path` is for messages and relative names.
+Result<RigFile> parse_rig_file(std::string_view toml, const std::filesystem::path& path);
+
+}  // namespace rig

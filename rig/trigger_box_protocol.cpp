@@ -1,0 +1,1 @@
+#include "rig/trigger_box_protocol.h"
