@@ -5,6 +5,7 @@
 
 #include <array>
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 
@@ -29,24 +30,31 @@ class ExposureEngine {
     int next_set = 0;
   };
 
+  // What decides an exposure's length: the sequencer when it is on, else the pulse's width under
+  // kTriggerWidth, else `fixed_exposure`.
   rig::Bracketing bracketing = rig::Bracketing::kSequencer;
   std::array<SequencerSet, kSetCount> sets;
   int start_set = 0;
-  std::chrono::microseconds fixed_exposure{10000};  // neither sequencer nor width
+  std::chrono::microseconds fixed_exposure{10000};
   bool is_sequencer_on = false;
   std::chrono::microseconds readout{500};  // busy after the exposure
 
-  void start();  // counters to zero, sequencer to its start set
-  // A pulse of `width` on the line at `time`. nullopt: the camera was busy, and the pulse is
-  // counted as missed.
+  // Counters to zero, sequencer to its start set, not busy.
+  void start();
+  // A pulse of `width` on the line at `time`. nullopt: the camera was exposing or reading out, and
+  // the pulse is counted as missed; it moves no sequencer.
   std::optional<ExposureJob> trigger(rig::HostTime time, std::chrono::microseconds width);
 
   std::uint64_t trigger_count() const { return trigger_count_; }
   std::uint64_t missed_count() const { return missed_count_; }
   int active_set() const { return active_set_; }
+  // The fault of a sequencer out of step: it moves on without a pulse.
+  void slip() { active_set_ = sets[index(active_set_)].next_set; }
 
  private:
-  rig::HostTime busy_until_{};
+  static std::size_t index(int set) { return static_cast<std::size_t>(set) % kSetCount; }
+
+  rig::HostTime busy_until_ = rig::HostTime::min();
   std::uint64_t trigger_count_ = 0;
   std::uint64_t missed_count_ = 0;
   int active_set_ = 0;
