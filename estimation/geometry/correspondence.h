@@ -1,0 +1,74 @@
+// Which projector pixel lit each camera pixel, from the patterns' signals: Gray code tells the
+// periods apart, the phases of stripes and fringes give the sub-pixel part.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "estimation/base/image.h"
+#include "estimation/session/manifest.h"
+#include "estimation/session/maps.h"
+#include "estimation/session/pattern.h"
+
+namespace estimation {
+
+// One pattern as the camera saw it.
+//   signal  [height][width] DN/us, linear, exposures merged, black removed where known; one sample
+//   a
+//           pixel: a Bayer site's own colour, one band (or the bands' mean) of an RGB frame; NaN
+//           where no exposure was usable (saturated)
+// Patterns may come in any order, any subset of them; two signals of the same pattern are averaged.
+struct PatternSignal {
+  const PatternKind* kind = nullptr;
+  ImageView<const float> signal;
+};
+
+// Variance of one sample of the merged signal, (DN/us)^2: read_variance + shot_dn_per_us * signal,
+// for signals up to up_to_dn_per_us. A merge that leaves the long exposure out where it saturates
+// needs two ranges.
+//   one exposure of t us at gain g e/DN: shot_dn_per_us = 1 / (g t), read_variance = (read_e / (g
+//   t))^2
+struct NoiseRange {
+  float up_to_dn_per_us = std::numeric_limits<float>::infinity();
+  float read_variance = 0;
+  float shot_dn_per_us = 0;
+};
+
+struct CorrespondenceOptions {
+  // By rising up_to_dn_per_us; the last one holds for everything above. All zero is allowed: then
+  // the standard deviations are the systematic part alone.
+  std::vector<NoiseRange> noise{NoiseRange{}};
+  // Lit: the projector's modulation is this many standard deviations, and this share of the 99th
+  // percentile of all pixels' modulations (stray light at the far wall is not the subject).
+  double min_modulation_sd = 5;
+  double min_modulation_frac = 0.005;
+  double max_sd_px = 0.5;  // a coarser phase is "too dark"; Gray code alone is exempt
+  // What optics and skin blur at the very least, projector px: decides how far a pattern's upper
+  // harmonics can mislead a phase sampled at few shifts.
+  double least_blur_px = 1;
+  // Log-likelihood by which the best period must beat the second best. Clear Gray bits give 16 and
+  // more, a transition read at a quarter of its contrast 4.
+  double min_period_margin = 4;
+  // A pixel is kept if this share of the decoded pixels around it (7 x 7) lie on the same surface.
+  double min_support_frac = 0.25;
+};
+
+// All images [height][width] of the signals. An axis without usable patterns has empty images.
+struct Correspondence {
+  Image<float> column_px, row_px;  // projector px, pixel centres at integers; NaN: not decoded
+  Image<float> column_sd_px, row_sd_px;  // standard deviation: noise and aliasing; NaN likewise
+  // 0 or errors of Validity: kBackground (not lit), kSaturated (too many samples lost), kTooDark,
+  // kNoCorrespondence. A pixel with any error is NaN in every axis.
+  Image<std::uint32_t> validity;
+  std::vector<std::string> notes;  // what could not be decoded and why, for people
+};
+
+// Needs at least one signal; all of one size. Same result for any number of threads. Thread-safe.
+Correspondence decode_correspondence(std::span<const PatternSignal> signals,
+                                     const ProjectorInfo& projector,
+                                     const CorrespondenceOptions& options);
+
+}  // namespace estimation

@@ -1,0 +1,48 @@
+// The surface from the correspondence: triangulated, smoothed without crossing edges, with the
+// normals, pitches, angles and distances that the profiles' fit needs.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "estimation/base/image.h"
+#include "estimation/geometry/correspondence.h"
+#include "estimation/session/manifest.h"
+
+namespace estimation {
+
+struct SurfaceOptions {
+  // Radius of the local quadric fit on the surface, mm; 0 leaves positions as triangulated and fits
+  // normals in the 3 x 3 neighbourhood. 2 mm: with 0.02 px of noise, 250 mm baseline at 1 m,
+  // normals to 0.2 degrees at 0.5 mm a pixel.
+  double smoothing_radius_mm = 2;
+  double max_epipolar_px = 3;       // columns and rows disagree by more: no correspondence
+  double max_position_sd_mm = 5;    // of one pixel before smoothing; more: no correspondence
+  double max_slope = 4;             // depth per sideways mm, steeper between neighbours is a jump
+  double min_cos_projector = 0.17;  // about 80 degrees
+  double min_cos_camera = 0.17;
+  double near_discontinuity_mm = 2;  // a jump or the border within this distance is worth a warning
+};
+
+// All [height][width] on the frames' grid; NaN where validity holds an error.
+struct Surface {
+  std::array<Image<float>, 3> position_mm;  // X, Y, Z; camera coordinates
+  std::array<Image<float>, 3> normal;       // X, Y, Z; unit, towards the camera
+  Image<float> column_pitch_mm;             // mm on the surface per projector column, across it
+  Image<float> row_pitch_mm;
+  Image<float> cos_projector;  // normal against the direction to the projector
+  Image<float> cos_camera;
+  Image<float> projector_distance_mm;  // from the projector's centre
+  Image<float> position_sd_mm;         // after smoothing, along the camera's ray
+  // Validity: the correspondence's errors, kNoCorrespondence (axes disagree, behind a device, too
+  // uncertain), kGrazingProjector, kGrazingCamera; warning kNearDiscontinuity.
+  Image<std::uint32_t> validity;
+};
+
+// Uses whichever axes `correspondence` has; at least one. Same result for any number of threads.
+// Thread-safe.
+Surface reconstruct_surface(const Calibration& calibration, const CameraInfo& camera,
+                            const ProjectorInfo& projector, const Correspondence& correspondence,
+                            const SurfaceOptions& options);
+
+}  // namespace estimation
