@@ -1,0 +1,248 @@
+#include "capture/daemon/http_server.h"
+
+#include <httplib.h>
+
+#include <algorithm>
+#include <atomic>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <thread>
+
+#include "capture/daemon/page.h"
+
+namespace capture {
+namespace {
+
+constexpr std::size_t kBodyLimit_bytes = 16 * 1024;
+constexpr std::size_t kTextLimit = 200;  // of a subject or a request id
+constexpr int kThreadCount = 16;         // each open page holds one for its event stream
+constexpr int kStreamLimit = 12;         // the rest stay free for commands
+constexpr auto kHeartbeat = std::chrono::seconds(1);
+
+void reply_error(httplib::Response& response, int status, const std::string& text) {
+  response.status = status;
+  response.set_content(nlohmann::json{{"error", text}}.dump(
+                           -1, ' ', false, nlohmann::json::error_handler_t::replace),
+                       "application/json");
+}
+
+// Protects against pages of other sites and DNS rebinding: the browser says whom it thinks it talks
+// to.
+bool is_own_host(const std::string& host, int port) {
+  for (const char* name : {"127.0.0.1", "localhost", "[::1]"})
+    if (host == std::string(name) + ":" + std::to_string(port)) return true;
+  return false;
+}
+
+bool is_own_origin(const httplib::Request& request, int port) {
+  if (!is_own_host(request.get_header_value("Host"), port)) return false;
+  if (!request.has_header("Origin")) return true;
+  const std::string origin = request.get_header_value("Origin");
+  constexpr std::string_view kScheme = "http://";
+  return origin.starts_with(kScheme) && is_own_host(origin.substr(kScheme.size()), port);
+}
+
+std::string text_member(const nlohmann::json& body, const char* key) {
+  const auto found = body.find(key);
+  return found != body.end() && found->is_string() ? found->get<std::string>() : std::string();
+}
+
+class HttplibServer final : public HttpServer {
+ public:
+  HttplibServer(StateBoard& board, CommandDesk& desk) : board_(board), desk_(desk) {}
+
+  ~HttplibServer() override {
+    stop_.request_stop();
+    server_.stop();
+  }
+
+  rig::Result<void> listen(int port) {
+    server_.new_task_queue = [] { return new httplib::ThreadPool(kThreadCount); };
+    server_.set_payload_max_length(kBodyLimit_bytes);
+    server_.set_read_timeout(5);
+    server_.set_write_timeout(5);
+    server_.set_tcp_nodelay(true);
+    // The library sets SO_REUSEPORT too, which would let two daemons share one port.
+    server_.set_socket_options([](socket_t socket) {
+      const int yes = 1;
+      setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+    });
+    add_routes();
+    port_ = port == 0 ? server_.bind_to_any_port("127.0.0.1")
+                      : (server_.bind_to_port("127.0.0.1", port) ? port : -1);
+    if (port_ <= 0) {
+      return rig::failure(rig::Fault::kBusy,
+                          "port " + std::to_string(port) +
+                              " on 127.0.0.1 is taken: is another ssrig serve running? "
+                              "Choose another with --port");
+    }
+    thread_ = std::jthread([this] { server_.listen_after_bind(); });
+    // stop() only ends a server that runs: wait the moment until it does.
+    while (!server_.is_running()) std::this_thread::yield();
+    return {};
+  }
+
+  int port() const override { return port_; }
+
+ private:
+  void add_routes() {
+    server_.set_pre_routing_handler(
+        [this](const httplib::Request& request, httplib::Response& response) {
+          if (is_own_origin(request, port_)) return httplib::Server::HandlerResponse::Unhandled;
+          reply_error(response, 403,
+                      "this address answers only pages of its own; open http://127.0.0.1:" +
+                          std::to_string(port_));
+          return httplib::Server::HandlerResponse::Handled;
+        });
+    server_.set_default_headers(
+        {{"Cache-Control", "no-store"}, {"X-Content-Type-Options", "nosniff"}});
+    server_.Get("/", [](const httplib::Request&, httplib::Response& response) {
+      response.set_content(kPage, "text/html; charset=utf-8");
+    });
+    server_.Get("/api/state", [this](const httplib::Request&, httplib::Response& response) {
+      response.set_content(to_json(board_.snapshot()), "application/json");
+    });
+    server_.Get("/healthz", [](const httplib::Request&, httplib::Response& response) {
+      response.set_content("ok\n", "text/plain");
+    });
+    server_.Get("/readyz", [this](const httplib::Request&, httplib::Response& response) {
+      const DaemonSnapshot snapshot = board_.snapshot();
+      if (snapshot.phase != DaemonPhase::kReady) response.status = 503;
+      response.set_content(
+          nlohmann::json{{"phase", to_string(snapshot.phase)}, {"message", snapshot.message}}.dump(
+              -1, ' ', false, nlohmann::json::error_handler_t::replace),
+          "application/json");
+    });
+    server_.Get("/api/events", [this](const httplib::Request&, httplib::Response& response) {
+      stream_events(response);
+    });
+    server_.Get(R"(/api/last/(.+))",
+                [this](const httplib::Request& request, httplib::Response& response) {
+                  send_picture(request.matches[1].str(), response);
+                });
+    server_.Post("/api/capture",
+                 [this](const httplib::Request& request, httplib::Response& response) {
+                   if (const auto body = read_body(request, response))
+                     start_capture(*body, response);
+                 });
+    server_.Post("/api/abort",
+                 [this](const httplib::Request& request, httplib::Response& response) {
+                   if (const auto body = read_body(request, response)) {
+                     const Answer answer = desk_.request_abort(text_member(*body, "request_id"));
+                     if (answer == Answer::kNothing)
+                       return reply_error(response, 409, "there is no capture to abort");
+                     response.status = 202;
+                     response.set_content(to_json(board_.snapshot()), "application/json");
+                   }
+                 });
+  }
+
+  // The request's JSON object with a request_id; else answers the error itself.
+  static std::optional<nlohmann::json> read_body(const httplib::Request& request,
+                                                 httplib::Response& response) {
+    if (!request.get_header_value("Content-Type").starts_with("application/json")) {
+      reply_error(response, 415, "send Content-Type: application/json");
+      return std::nullopt;
+    }
+    const nlohmann::json body = nlohmann::json::parse(request.body, nullptr, false);
+    if (!body.is_object() || text_member(body, "request_id").empty()) {
+      reply_error(response, 400, "expected a JSON object with a text \"request_id\"");
+      return std::nullopt;
+    }
+    for (const auto& [key, value] : body.items()) {
+      if (key != "request_id" && key != "subject" && key != "directory") {
+        reply_error(response, 400,
+                    "unknown key \"" + key + "\"; known are request_id, subject and directory");
+        return std::nullopt;
+      }
+      if (!value.is_string() ||
+          (key != "directory" && value.get_ref<const std::string&>().size() > kTextLimit)) {
+        reply_error(response, 400, "\"" + key + "\" must be text of at most 200 bytes");
+        return std::nullopt;
+      }
+    }
+    return body;
+  }
+
+  void start_capture(const nlohmann::json& body, httplib::Response& response) {
+    const CaptureRequest request{.request_id = text_member(body, "request_id"),
+                                 .subject = text_member(body, "subject"),
+                                 .directory = text_member(body, "directory")};
+    if (!request.directory.empty() && !std::filesystem::path(request.directory).is_absolute())
+      return reply_error(response, 400, "\"directory\" must be an absolute path");
+    switch (desk_.request_capture(request)) {
+      case Answer::kAccepted:
+        response.status = 202;
+        break;
+      case Answer::kBusy:
+        return reply_error(response, 409, "a capture is under way; wait for it or abort it");
+      default:
+        return reply_error(response, 503, "the rig is not ready: " + board_.snapshot().message);
+    }
+    response.set_content(to_json(board_.snapshot()), "application/json");
+  }
+
+  void stream_events(httplib::Response& response) {
+    if (++stream_count_ > kStreamLimit) {
+      --stream_count_;
+      return reply_error(response, 503, "too many pages are open at once; close one");
+    }
+    auto seen =
+        std::make_shared<std::optional<std::uint64_t>>();  // shared: std::function must be copyable
+    response.set_chunked_content_provider(
+        "text/event-stream",
+        [this, seen](std::size_t, httplib::DataSink& sink) { return send_event(*seen, sink); },
+        [this](bool) { --stream_count_; });
+  }
+
+  // One event: the present state first, then each change; a heartbeat when a second passes without
+  // one.
+  bool send_event(std::optional<std::uint64_t>& seen, httplib::DataSink& sink) {
+    if (stop_.stop_requested()) return false;
+    std::optional<DaemonSnapshot> snapshot = board_.snapshot();
+    if (seen == snapshot->revision)
+      snapshot = board_.wait_beyond(*seen, std::chrono::steady_clock::now() + kHeartbeat,
+                                    stop_.get_token());
+    std::string event = "event: heartbeat\ndata: {}\n\n";
+    if (snapshot) {
+      seen = snapshot->revision;
+      event = "id: " + std::to_string(snapshot->revision) +
+              "\nevent: state\ndata: " + to_json(*snapshot) + "\n\n";
+    }
+    return sink.write(event.data(), event.size());
+  }
+
+  // Only files that the last outcome lists: nothing else of the disk can be named.
+  void send_picture(const std::string& name, httplib::Response& response) const {
+    const DaemonSnapshot snapshot = board_.snapshot();
+    const auto is_listed = snapshot.last && std::ranges::count(snapshot.last->pictures, name) > 0;
+    if (!is_listed)
+      return reply_error(response, 404, "the last capture has no picture of that name");
+    std::ifstream file(std::filesystem::path(snapshot.last->session) / name, std::ios::binary);
+    if (!file) return reply_error(response, 404, "the picture has been moved away");
+    response.set_content(std::string(std::istreambuf_iterator<char>(file), {}), "image/png");
+  }
+
+  StateBoard& board_;
+  CommandDesk& desk_;
+  httplib::Server server_;
+  std::atomic<int> stream_count_{0};
+  int port_ = 0;
+  std::stop_source stop_;
+  std::jthread thread_;
+};
+
+}  // namespace
+
+rig::Result<std::unique_ptr<HttpServer>> HttpServer::start(int port, StateBoard& board,
+                                                           CommandDesk& desk) {
+  auto server = std::make_unique<HttplibServer>(board, desk);
+  if (auto listening = server->listen(port); !listening) return tl::unexpected(listening.error());
+  return server;
+}
+
+}  // namespace capture

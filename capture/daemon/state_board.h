@@ -1,0 +1,71 @@
+// What the daemon knows, as one snapshot with a revision: the only truth that pages and clients
+// see.
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+namespace capture {
+
+enum class DaemonPhase {
+  kStarting,    // devices are being opened
+  kReady,       // waiting for the operator
+  kCapturing,   // patterns are projected
+  kEstimating,  // the last frame has landed, maps are being computed
+  kAborting,    // abort was pressed; the projector is or becomes black
+  kFault        // the rig cannot capture; `message` says why and what to do
+};
+std::string to_string(DaemonPhase phase);
+
+// How the last capture ended.
+struct CaptureOutcome {
+  std::string request_id;
+  std::string session;  // folder; empty if none was made
+  std::string state;    // "complete", "failed", "aborted"
+  int exit_code = 0;    // of the table in architecture.md
+  std::string message;
+  std::vector<std::string> pictures;  // quick-look files, relative to `session`
+};
+
+struct DaemonSnapshot {
+  std::uint64_t revision = 0;  // grows with every change
+  DaemonPhase phase = DaemonPhase::kStarting;
+  std::string rig_file;  // absolute
+  std::string rig_name;
+  std::string message;     // one sentence for the operator
+  std::string request_id;  // of the capture under way
+  int slots_filled = 0;
+  int slots_total = 0;
+  int retake_count = 0;
+  std::vector<std::string> notes;  // what the start-up checks found
+  std::optional<CaptureOutcome> last;
+};
+
+// The snapshot as the JSON object that GET /api/state returns.
+std::string to_json(const DaemonSnapshot& snapshot);
+
+// Thread-safe.
+class StateBoard {
+ public:
+  DaemonSnapshot snapshot() const;
+  // Changes the snapshot under the lock; the revision grows by one.
+  void update(const std::function<void(DaemonSnapshot&)>& change);
+  // Waits until the revision differs from `seen`; nullopt at `deadline` or on stop.
+  std::optional<DaemonSnapshot> wait_beyond(std::uint64_t seen,
+                                            std::chrono::steady_clock::time_point deadline,
+                                            const std::stop_token& stop) const;
+
+ private:
+  mutable std::mutex mutex_;
+  mutable std::condition_variable_any changed_;
+  DaemonSnapshot snapshot_;  // guarded by mutex_
+};
+
+}  // namespace capture
