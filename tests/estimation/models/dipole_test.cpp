@@ -1,0 +1,190 @@
+// The dipole in closed form against the paper's own equations, integrated in space.
+#include "estimation/models/dipole.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <fstream>
+#include <functional>
+#include <numbers>
+#include <random>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace estimation {
+namespace {
+
+using std::numbers::pi;
+
+double transform_at(const Dipole& dipole, double reflectance, double k_times_l_d) {
+  double value = 0;
+  dipole.transform(reflectance, std::span(&k_times_l_d, 1), std::span(&value, 1));
+  return value;
+}
+
+// The paper's eq. 3, straight from the text; sigma_tr, z_r and z_v as in Jensen et al. (2001).
+struct SpatialDipole {
+  double albedo, sigma_tr, z_real, z_virtual;
+
+  SpatialDipole(const Coefficients& medium, double eta) {
+    const double extinction = medium.sigma_a_per_mm + medium.sigma_s_prime_per_mm;
+    albedo = medium.sigma_s_prime_per_mm / extinction;
+    sigma_tr = std::sqrt(3 * medium.sigma_a_per_mm * extinction);
+    z_real = 1 / extinction;
+    z_virtual = z_real * (1 + 4.0 / 3.0 * boundary_factor(eta));
+  }
+  double source(double z, double r) const {
+    const double d = std::hypot(r, z);
+    return z * (sigma_tr + 1 / d) * std::exp(-sigma_tr * d) / (d * d);
+  }
+  double at(double r) const {
+    return albedo / (4 * pi) * (source(z_real, r) + source(z_virtual, r));
+  }
+};
+
+// Composite Gauss-Legendre with five nodes a panel.
+double integrate(const std::function<double(double)>& f, double low, double high, int panels) {
+  constexpr std::array<double, 5> kNodes = {0.0, 0.5384693101056831, -0.5384693101056831,
+                                            0.9061798459386640, -0.9061798459386640};
+  constexpr std::array<double, 5> kWeights = {0.5688888888888889, 0.4786286704993665,
+                                              0.4786286704993665, 0.2369268850561891,
+                                              0.2369268850561891};
+  double sum = 0;
+  const double half = (high - low) / panels / 2;
+  for (int panel = 0; panel < panels; ++panel)
+    for (std::size_t i = 0; i < kNodes.size(); ++i)
+      sum += kWeights[i] * f(low + half * (2 * panel + 1 + kNodes[i]));
+  return sum * half;
+}
+
+// Response to a line of light at distance x: eq. 3 integrated along the line. y = sinh(t) packs the
+// nodes where the profile is steep.
+double line_response(const SpatialDipole& dipole, double x) {
+  const double scale = std::hypot(x, dipole.z_real);
+  return 2 * integrate(
+                 [&](double t) {
+                   return dipole.at(std::hypot(x, scale * std::sinh(t))) * scale * std::cosh(t);
+                 },
+                 0, std::asinh(60 / dipole.sigma_tr / scale), 60);
+}
+
+TEST(Dipole, TransformEqualsSpatialQuadratureOfEquation3) {
+  const Coefficients cheek_red{0.0525, 1.2814}, stubble_blue{0.6707, 0.6648};
+  for (const Coefficients& medium : {cheek_red, stubble_blue}) {
+    const SpatialDipole spatial(medium, 1.4);
+    const Dipole dipole(1.4);
+    const double reflectance = dipole_reflectance(medium, 1.4);
+    const double l_d_mm = diffuse_mean_free_path_mm(medium);
+    for (const double k_per_mm : {0.0, 0.1, 0.5236, 2.0}) {
+      SCOPED_TRACE(testing::Message() << "sigma_a " << medium.sigma_a_per_mm << " k " << k_per_mm);
+      const double spatial_value =
+          2 *
+          integrate([&](double x) { return line_response(spatial, x) * std::cos(k_per_mm * x); }, 0,
+                    40 * l_d_mm, 1200);
+      EXPECT_NEAR(transform_at(dipole, reflectance, k_per_mm * l_d_mm), spatial_value, 1e-10);
+    }
+  }
+}
+
+TEST(Dipole, InversionIsExactAtBothEndsAndBetween) {
+  const Dipole dipole(1.4);
+  EXPECT_EQ(dipole.s_at(1.0), 0.0);
+  EXPECT_EQ(dipole.s_at(0.0), std::sqrt(3.0));
+  EXPECT_TRUE(std::isnan(dipole.s_at(1.0000001)));
+  EXPECT_TRUE(std::isnan(dipole.s_at(-1e-9)));
+  EXPECT_TRUE(std::isnan(dipole.s_at(std::nan(""))));
+  std::mt19937_64 random(1);
+  for (int draw = 0; draw < 2000; ++draw) {
+    const double exponent = -9.0 * static_cast<double>(random() >> 11) * 0x1p-53;
+    const double s = std::sqrt(3.0) * std::pow(10.0, exponent);
+    SCOPED_TRACE(s);
+    // One rounding of R_d next to 1 is 1.1e-16; R_d falls about four times as fast as s rises.
+    EXPECT_NEAR(dipole.s_at(dipole.reflectance_at(s)), s, 1e-13 * s + 2e-16);
+  }
+}
+
+TEST(Dipole, CoefficientsAreInvertedFromReflectanceAndTranslucency) {
+  std::mt19937_64 random(2);
+  const auto uniform = [&] { return static_cast<double>(random() >> 11) * 0x1p-53; };
+  for (int draw = 0; draw < 2000; ++draw) {
+    const double eta = 1.0 + 0.6 * uniform();
+    const Coefficients truth{std::pow(10.0, -4 + 5 * uniform()),
+                             std::pow(10.0, -1 + 2 * uniform())};
+    SCOPED_TRACE(testing::Message() << truth.sigma_a_per_mm << " " << truth.sigma_s_prime_per_mm);
+    const Coefficients found =
+        Dipole(eta).coefficients(dipole_reflectance(truth, eta), diffuse_mean_free_path_mm(truth));
+    EXPECT_NEAR(found.sigma_a_per_mm / truth.sigma_a_per_mm, 1, 1e-9);
+    EXPECT_NEAR(found.sigma_s_prime_per_mm / truth.sigma_s_prime_per_mm, 1, 1e-9);
+  }
+}
+
+TEST(Dipole, TransformAtZeroIsTheReflectanceAndFallsWithFrequency) {
+  const Dipole dipole(1.4);
+  for (const double reflectance : {0.01, 0.3, 0.7, 0.999}) {
+    SCOPED_TRACE(reflectance);
+    EXPECT_NEAR(transform_at(dipole, reflectance, 0), reflectance, 1e-14);
+    double previous = reflectance;
+    for (double k_times_l_d = 0.5; k_times_l_d < 50; k_times_l_d *= 1.5) {
+      const double value = transform_at(dipole, reflectance, k_times_l_d);
+      EXPECT_LT(value, previous);
+      EXPECT_GE(value, 0);
+      previous = value;
+    }
+  }
+}
+
+// Jensen et al. (2001), skin1 and skin2 at eta 1.3: identical to Pixar's PxrSurface table
+// (design/facts.md, section 5.2), which gives three decimals of R_d and two of l_d.
+TEST(Dipole, PublishedSkinMatchesThePxrSurfaceTable) {
+  struct Case {
+    Coefficients medium;
+    double reflectance, l_d_mm;
+  };
+  const Case cases[] = {{{0.032, 0.74}, 0.436, 3.67}, {{0.17, 0.88}, 0.227, 1.37},
+                        {{0.48, 1.01}, 0.131, 0.68},  {{0.013, 1.09}, 0.623, 4.82},
+                        {{0.070, 1.59}, 0.433, 1.69}, {{0.145, 1.79}, 0.343, 1.09}};
+  for (const Case& skin : cases) {
+    SCOPED_TRACE(skin.reflectance);
+    EXPECT_NEAR(dipole_reflectance(skin.medium, 1.3), skin.reflectance, 0.0006);
+    EXPECT_NEAR(diffuse_mean_free_path_mm(skin.medium), skin.l_d_mm, 0.006);
+  }
+}
+
+// The translucency column of the paper's Table 2 is eq. 6 of its other columns for each measured
+// area (its means are means of maps, so they are not).
+TEST(Dipole, Table2TranslucencyIsEquation6) {
+  std::ifstream table(SSRIG_TEST_DATA "/tariq2006_table2.csv");
+  ASSERT_TRUE(table) << "tests/data/tariq2006_table2.csv";
+  int row_count = 0;
+  for (std::string line; std::getline(table, line);) {
+    if (line.empty() || line[0] == '#' || line.starts_with("subject")) continue;
+    SCOPED_TRACE(line);
+    std::stringstream cells(line);
+    std::string subject, area, cell;
+    std::getline(cells, subject, ',');
+    std::getline(cells, area, ',');
+    std::vector<double> value;
+    while (std::getline(cells, cell, ',')) value.push_back(std::stod(cell));
+    ASSERT_EQ(value.size(), 9U);
+    if (area == "mean" || area == "std") continue;
+    for (std::size_t band = 0; band < 3; ++band)
+      EXPECT_NEAR(diffuse_mean_free_path_mm({value[band], value[3 + band]}) / value[6 + band], 1,
+                  2.5e-4);
+    ++row_count;
+  }
+  EXPECT_EQ(row_count, 8);
+}
+
+TEST(ScatteringModel, UnknownNamesAndIndicesAreRefused) {
+  EXPECT_TRUE(make_scattering_model("dipole", 1.4));
+  const auto unknown = make_scattering_model("tripole", 1.4);
+  ASSERT_FALSE(unknown);
+  EXPECT_NE(unknown.error().text().find("tripole"), std::string::npos);
+  EXPECT_FALSE(make_scattering_model("dipole", 0.9));
+  EXPECT_FALSE(make_scattering_model("dipole", std::nan("")));
+}
+
+}  // namespace
+}  // namespace estimation
