@@ -1,0 +1,95 @@
+#include "estimation/radiometry/noise.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+namespace estimation {
+namespace {
+
+// Median absolute value of a normal variable is 0.6745 standard deviations.
+constexpr double kSdFromMedian = 1 / 0.6745;
+// Second differences x[-1] - 2 x[0] + x[1] have sqrt(6) times the standard deviation of x.
+const double kSecondDifference = std::sqrt(6.0);
+constexpr std::size_t kMostPixels = 20000;
+
+template <typename T>
+T median(std::vector<T>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+struct PixelNoise {
+  double mean = 0, variance = 0;
+};
+
+std::optional<PixelNoise> noise_of_pixel(std::span<const ImageView<const float>> signals, int row,
+                                         int col) {
+  double sum = 0;
+  for (const ImageView<const float>& signal : signals)
+    sum += static_cast<double>(signal.at(row, col));
+  if (!std::isfinite(sum)) return std::nullopt;
+  std::vector<double> differences;
+  for (std::size_t i = 1; i + 1 < signals.size(); ++i)
+    differences.push_back(std::abs(static_cast<double>(signals[i - 1].at(row, col)) -
+                                   2.0 * static_cast<double>(signals[i].at(row, col)) +
+                                   static_cast<double>(signals[i + 1].at(row, col))));
+  const double sd = median(differences) * kSdFromMedian / kSecondDifference;
+  return PixelNoise{.mean = sum / static_cast<double>(signals.size()), .variance = sd * sd};
+}
+
+}  // namespace
+
+std::vector<MergedNoise> merged_noise(std::vector<double> exposures_us, const SensorNoise& sensor,
+                                      double headroom_dn) {
+  std::sort(exposures_us.begin(), exposures_us.end(), std::greater<>());
+  const double read_dn = sensor.read_noise_e / sensor.gain_e_per_dn;
+  std::vector<MergedNoise> noise;
+  for (std::size_t first = 0; first < exposures_us.size(); ++first) {
+    if (first > 0 && exposures_us[first] == exposures_us[first - 1]) continue;
+    double total_us = 0;
+    for (std::size_t i = first; i < exposures_us.size(); ++i) total_us += exposures_us[i];
+    const double frames = static_cast<double>(exposures_us.size() - first);
+    noise.push_back({.up_to_dn_per_us = headroom_dn / exposures_us[first],
+                     .read_variance =
+                         frames * (read_dn * read_dn + 1.0 / 12) / (total_us * total_us),
+                     .shot_dn_per_us = 1 / (sensor.gain_e_per_dn * total_us)});
+  }
+  if (!noise.empty()) noise.back().up_to_dn_per_us = std::numeric_limits<double>::infinity();
+  return noise;
+}
+
+double variance_at(std::span<const MergedNoise> noise, double signal_dn_per_us) {
+  if (noise.empty()) return 0;
+  const auto range = std::find_if(noise.begin(), noise.end(), [&](const MergedNoise& entry) {
+    return signal_dn_per_us <= entry.up_to_dn_per_us;
+  });
+  const MergedNoise& entry = range == noise.end() ? noise.back() : *range;
+  return entry.read_variance + entry.shot_dn_per_us * std::max(signal_dn_per_us, 0.0);
+}
+
+std::optional<MergedNoise> noise_from_stripes(std::span<const ImageView<const float>> signals) {
+  if (signals.size() < 8) return std::nullopt;
+  const int height = signals.front().height_px, width = signals.front().width_px;
+  const std::size_t pixel_count = static_cast<std::size_t>(height) * static_cast<std::size_t>(width);
+  const std::size_t step = std::max<std::size_t>(1, pixel_count / kMostPixels);
+  std::vector<PixelNoise> pixels;
+  for (std::size_t i = 0; i < pixel_count; i += step) {
+    const int row = static_cast<int>(i / static_cast<std::size_t>(width));
+    const int col = static_cast<int>(i % static_cast<std::size_t>(width));
+    if (const auto pixel = noise_of_pixel(signals, row, col)) pixels.push_back(*pixel);
+  }
+  if (pixels.size() < 100) return std::nullopt;
+  std::stable_sort(pixels.begin(), pixels.end(),
+                   [](const PixelNoise& a, const PixelNoise& b) { return a.mean < b.mean; });
+  std::vector<double> dark, shot;
+  for (std::size_t i = 0; i < pixels.size() / 10; ++i) dark.push_back(pixels[i].variance);
+  const double read_variance = median(dark);
+  for (std::size_t i = pixels.size() / 2; i < pixels.size(); ++i)
+    if (pixels[i].mean > 0) shot.push_back((pixels[i].variance - read_variance) / pixels[i].mean);
+  const double shot_dn_per_us = shot.empty() ? 0 : std::max(median(shot), 0.0);
+  return MergedNoise{.read_variance = read_variance, .shot_dn_per_us = shot_dn_per_us};
+}
+
+}  // namespace estimation

@@ -1,0 +1,43 @@
+// What a merged sample's noise is, from the sensor's numbers or, without them, from the data.
+#pragma once
+
+#include <limits>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "estimation/base/image.h"
+
+namespace estimation {
+
+struct SensorNoise {
+  double gain_e_per_dn = 0;
+  double read_noise_e = 0;
+};
+
+// Variance of a merged sample, (DN/us)^2: read_variance + shot_dn_per_us * signal, for signals up to
+// up_to_dn_per_us: a bright sample has lost its long exposures.
+struct MergedNoise {
+  double up_to_dn_per_us = std::numeric_limits<double>::infinity();
+  double read_variance = 0;
+  double shot_dn_per_us = 0;
+};
+
+// One entry for each set of exposures that stays below saturation, the longest exposures first
+// (rising up_to_dn_per_us; the last one holds for everything above). Same rule as merge_brackets.
+// Quantisation to whole DN is included.
+//   headroom_dn  saturation level minus black
+std::vector<MergedNoise> merged_noise(std::vector<double> exposures_us, const SensorNoise& sensor,
+                                      double headroom_dn);
+
+double variance_at(std::span<const MergedNoise> noise, double signal_dn_per_us);
+
+// Noise from the scatter of adjacent stripe shifts, for cameras whose numbers are not known. A
+// scattering profile is smooth from shift to shift and noise is not, so the median of the second
+// differences of a pixel's samples tells its noise; the darkest pixels give the read noise, the
+// bright ones the shot noise. A little too large where stripes are sharp.
+//   signals  [shift] merged signals of adjacent shifts, at least 8
+//   returns  nullopt if there is too little to tell
+std::optional<MergedNoise> noise_from_stripes(std::span<const ImageView<const float>> signals);
+
+}  // namespace estimation
