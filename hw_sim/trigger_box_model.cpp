@@ -37,7 +37,8 @@ TriggerBoxModel::TriggerBoxModel(HostTime power_up, double drift_ppm)
 std::optional<std::vector<std::uint8_t>> TriggerBoxModel::control(
     std::uint8_t request, std::uint16_t value, const std::vector<std::uint8_t>& data,
     HostTime now) {
-  step_to(now);
+  run_due(now);
+  now = std::max(now, now_);
   switch (static_cast<Request>(request)) {
     case Request::kGetInfo:
       return to_vector(rig::tb1::encode(rig::tb1::Info{.firmware_version = kFirmwareVersion}));
@@ -47,15 +48,18 @@ std::optional<std::vector<std::uint8_t>> TriggerBoxModel::control(
       if (!config_) return std::nullopt;
       return to_vector(rig::tb1::encode(*config_));
     case Request::kArm:
+      now_ = now;
       return acknowledge(arm(value));
     case Request::kDisarm:
+      now_ = now;
       disarm();
       return acknowledge(true);
     case Request::kGetStatus:
       return to_vector(rig::tb1::encode(status_));
     case Request::kGetTime:
-      return to_vector(rig::tb1::encode_time(time_us(now_)));
+      return to_vector(rig::tb1::encode_time(time_us(now)));
     case Request::kSoftTrigger:
+      now_ = now;
       return acknowledge(soft_trigger());
     case Request::kGetLevel:
       return to_vector(rig::tb1::encode(take_levels()));
@@ -150,7 +154,7 @@ void TriggerBoxModel::start_train(std::chrono::microseconds delay) {
     start += train.pulses[i].width + std::chrono::microseconds(config_->gap_us);
   }
   train_ = train;
-  step_to(now_);  // without delay the first pulse starts at the edge itself
+  run_due(now_);  // without delay the first pulse starts at the edge itself
 }
 
 HostTime TriggerBoxModel::Train::due() const {
@@ -177,7 +181,7 @@ std::optional<HostTime> TriggerBoxModel::next_due() const {
   return train_ ? std::min(train_->due(), next_heartbeat_) : next_heartbeat_;
 }
 
-void TriggerBoxModel::step_to(HostTime time) {
+void TriggerBoxModel::run_due(HostTime time) {
   while (*next_due() <= time) {
     now_ = std::max(now_, *next_due());
     if (train_ && train_->due() <= next_heartbeat_) {
@@ -187,11 +191,15 @@ void TriggerBoxModel::step_to(HostTime time) {
       record(RecordType::kHeartbeat);
     }
   }
+}
+
+void TriggerBoxModel::step_to(HostTime time) {
+  run_due(time);
   now_ = std::max(now_, time);
 }
 
 BoxOutput TriggerBoxModel::advance(HostTime now) {
-  step_to(now);
+  run_due(now);
   return std::exchange(output_, {});
 }
 

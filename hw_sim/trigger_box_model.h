@@ -33,7 +33,9 @@ struct BoxOutput {
   std::vector<LinePulse> pulses;          // on the camera's trigger line, each at its start
 };
 
-// Not thread-safe. Times never go back: an earlier one counts as the latest seen.
+// Not thread-safe. What happens has the time that it is told or was due at, not that of the call
+// to advance(), so a late thread does not enter the data; only what comes earlier than something
+// that has already happened counts as happening right after it.
 class TriggerBoxModel {
  public:
   // The box's crystal runs `drift_ppm` fast.
@@ -79,13 +81,14 @@ class TriggerBoxModel {
   void edge(bool is_light);
   void start_train(std::chrono::microseconds delay);
   void step_train();
+  void run_due(rig::HostTime time);
   void step_to(rig::HostTime time);
   void record(rig::tb1::RecordType type, std::size_t pulse_index = 0);
   bool wants_edge(bool is_light) const;
 
   rig::HostTime power_up_;
   double drift_frac_;
-  rig::HostTime now_;  // latest time seen
+  rig::HostTime now_;  // of the latest thing that happened
   rig::HostTime next_heartbeat_;
 
   std::optional<rig::tb1::Config> config_;

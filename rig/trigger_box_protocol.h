@@ -28,7 +28,8 @@ constexpr std::chrono::milliseconds kHeartbeatPeriod{100};
 constexpr int kPulseLimit = 8;
 constexpr int kAdcMax = 1023;  // 10-bit photodiode levels
 
-// ---- Records: device to host, 32 bytes each, two a packet, a short packet flushes. ----
+// ---- Records: device to host, 32 bytes each, two a packet. A short packet flushes: a burst that
+// ends on a full packet is followed by an empty one, as bulk transfers require. ----
 
 enum class RecordType : std::uint8_t {
   kArmed = 1,        // first record of a run: seq 0
