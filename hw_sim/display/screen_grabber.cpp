@@ -1,0 +1,342 @@
+#include "hw_sim/display/screen_grabber.h"
+
+#include <X11/Xutil.h>
+#include <X11/extensions/XShm.h>
+#include <X11/extensions/Xdamage.h>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/ipc.h>
+#include <sys/shm.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <cstring>
+#include <deque>
+#include <optional>
+#include <utility>
+
+#include "hw_sim/display/picture_cache.h"
+#include "hw_sim/display/scanout_clock.h"
+#include "hw_sim/display/x_connection.h"
+
+namespace hw_sim {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr auto kGammaPeriod = milliseconds(100);  // a new ramp sends no X event
+// A plan of 88 patterns and its retakes; beyond that a pattern's light is computed anew.
+constexpr std::size_t kPictureLimit = 256;
+
+// A monitor that goes away between a question and its answer is an X error, and Xlib's own handler
+// would end the process. The answer's absence is handled where it was asked for.
+int ignore_x_error(Display*, XErrorEvent*) { return 0; }
+
+struct Rectangle {
+  int x_px = 0, y_px = 0, width_px = 0, height_px = 0;
+  bool operator==(const Rectangle&) const = default;
+};
+
+// An XImage in memory shared with the X server.
+class SharedImage {
+ public:
+  SharedImage(Display* display, int width_px, int height_px) : display_(display) {
+    const int screen = DefaultScreen(display);
+    image_ = XShmCreateImage(display, DefaultVisual(display, screen),
+                             static_cast<unsigned>(DefaultDepth(display, screen)), ZPixmap, nullptr,
+                             &segment_, static_cast<unsigned>(width_px),
+                             static_cast<unsigned>(height_px));
+    const auto size =
+        static_cast<std::size_t>(image_->bytes_per_line) * static_cast<std::size_t>(image_->height);
+    segment_.shmid = shmget(IPC_PRIVATE, size, IPC_CREAT | 0600);
+    image_->data = segment_.shmaddr = static_cast<char*>(shmat(segment_.shmid, nullptr, 0));
+    segment_.readOnly = False;
+    XShmAttach(display, &segment_);
+    XSync(display, False);
+    shmctl(segment_.shmid, IPC_RMID, nullptr);  // goes with its last user, even if we crash
+  }
+  ~SharedImage() {
+    XShmDetach(display_, &segment_);
+    shmdt(segment_.shmaddr);
+    image_->data = nullptr;
+    XDestroyImage(image_);
+  }
+  SharedImage(const SharedImage&) = delete;
+  SharedImage& operator=(const SharedImage&) = delete;
+
+  int width_px() const { return image_->width; }
+  int height_px() const { return image_->height; }
+  bool fill(int x_px, int y_px) {
+    return XShmGetImage(display_, DefaultRootWindow(display_), image_, x_px, y_px, AllPlanes) != 0;
+  }
+  const std::uint32_t* row(int row) const {  // 0xRRGGBB
+    return reinterpret_cast<const std::uint32_t*>(image_->data + row * image_->bytes_per_line);
+  }
+
+ private:
+  Display* display_;
+  XShmSegmentInfo segment_{};
+  XImage* image_ = nullptr;
+};
+
+// Output level of each of the 256 framebuffer levels, by channel.
+struct GammaTable {
+  std::array<std::array<unsigned char, 256>, 3> level{};
+  bool operator==(const GammaTable&) const = default;
+};
+
+GammaTable make_table(const XRRCrtcGamma& ramp) {
+  GammaTable table;
+  const std::array<const unsigned short*, 3> channels{ramp.red, ramp.green, ramp.blue};
+  for (std::size_t channel = 0; channel < 3; ++channel)
+    for (std::size_t i = 0; i < 256; ++i)
+      table.level[channel][i] = static_cast<unsigned char>(
+          channels[channel][i * static_cast<std::size_t>(ramp.size - 1) / 255] >> 8);
+  return table;
+}
+
+Rectangle place_square(const rig::SyncSquareSettings& square, int width_px, int height_px) {
+  const bool is_right =
+      square.corner == rig::Corner::kTopRight || square.corner == rig::Corner::kBottomRight;
+  const bool is_bottom =
+      square.corner == rig::Corner::kBottomLeft || square.corner == rig::Corner::kBottomRight;
+  const int size_px = std::min({square.size_px, width_px, height_px});
+  return {is_right ? width_px - size_px : 0, is_bottom ? height_px - size_px : 0, size_px, size_px};
+}
+
+// 0..1; the square is left black.
+double take_square(estimation::Image<unsigned char>& brightness, const Rectangle& square) {
+  std::int64_t sum = 0;
+  for (int row = square.y_px; row < square.y_px + square.height_px; ++row) {
+    unsigned char* const first = &brightness.at(row, square.x_px);
+    for (int col = 0; col < square.width_px; ++col) sum += first[col];
+    std::fill_n(first, square.width_px, static_cast<unsigned char>(0));
+  }
+  const std::int64_t count = std::int64_t{square.width_px} * square.height_px;
+  return count > 0 ? static_cast<double>(sum) / (255.0 * static_cast<double>(count)) : 0;
+}
+
+estimation::Image<unsigned char> apply_gamma(const SharedImage& image, const GammaTable& gamma) {
+  estimation::Image<unsigned char> brightness(image.height_px(), image.width_px());
+  const auto& [red, green, blue] = gamma.level;
+  for (int row = 0; row < image.height_px(); ++row) {
+    const std::uint32_t* in = image.row(row);
+    unsigned char* out = &brightness.at(row, 0);
+    for (int col = 0; col < image.width_px(); ++col) {
+      const std::uint32_t pixel = in[col];
+      out[col] = static_cast<unsigned char>(
+          (red[(pixel >> 16) & 255] + green[(pixel >> 8) & 255] + blue[pixel & 255] + 1) / 3);
+    }
+  }
+  return brightness;
+}
+
+}  // namespace
+
+// All of it but the thread. Everything after connect() happens on that thread.
+class ScreenGrabber::Eye {
+ public:
+  Eye(const GrabberSettings& settings, LightTimeline& light, PictureCallback on_picture,
+      LevelCallback on_level)
+      : settings_(settings),
+        light_(light),
+        on_picture_(std::move(on_picture)),
+        on_level_(std::move(on_level)),
+        clock_(settings.refresh_hz),
+        photodiode_(settings.photodiode),
+        wake_(eventfd(0, EFD_CLOEXEC)) {}
+  ~Eye() {
+    image_.reset();
+    if (is_server_gone_) static_cast<void>(display_.release());  // closing would talk to it
+    display_.reset();
+    close(wake_);
+  }
+
+  rig::Result<void> connect();
+  void run(const std::stop_token& stop);
+  void wake() { eventfd_write(wake_, 1); }
+
+ private:
+  void wait_for_news(const std::stop_token& stop);
+  void read_events();
+  void locate_output();
+  bool read_gamma();  // true: it changed
+  void grab();
+  void light_up(estimation::Image<unsigned char> brightness);
+  void report_levels();
+
+  GrabberSettings settings_;
+  LightTimeline& light_;
+  PictureCallback on_picture_;
+  LevelCallback on_level_;
+  ScanoutClock clock_;
+  Photodiode photodiode_;
+  int wake_;
+
+  std::atomic<bool> is_server_gone_ = false;  // set by Xlib
+  XConnection display_;
+  int damage_event_ = 0, randr_event_ = 0;
+  Damage damage_ = None;
+  std::optional<SharedImage> image_;
+  RRCrtc crtc_ = None;
+  Rectangle area_;  // of the projector's monitor on the screen; empty: unplugged
+  GammaTable gamma_;
+  bool is_damaged_ = true, is_moved_ = true;
+  rig::HostTime next_gamma_check_{};
+
+  PictureCache pictures_{kPictureLimit};
+  std::shared_ptr<const Picture> lit_;
+  double square_frac_ = -1;         // brightness of the sync square; -1: none yet
+  std::deque<LevelSample> levels_;  // still to be reported
+};
+
+rig::Result<void> ScreenGrabber::Eye::connect() {
+  XSetErrorHandler(ignore_x_error);
+  display_.reset(XOpenDisplay(settings_.display.c_str()));
+  if (!display_) return rig::failure(rig::Fault::kNotFound, "no X server at " + settings_.display);
+  XSetIOErrorExitHandler(
+      display_.get(),
+      [](Display*, void* is_gone) { static_cast<std::atomic<bool>*>(is_gone)->store(true); },
+      &is_server_gone_);
+  int error_base = 0;
+  if (XDamageQueryExtension(display_.get(), &damage_event_, &error_base) == 0 ||
+      XRRQueryExtension(display_.get(), &randr_event_, &error_base) == 0 ||
+      XShmQueryExtension(display_.get()) == 0)
+    return rig::failure(rig::Fault::kUnsupported,
+                        settings_.display + " lacks the DAMAGE, RANDR or MIT-SHM extension");
+  const Window root = DefaultRootWindow(display_.get());
+  damage_ = XDamageCreate(display_.get(), root, XDamageReportNonEmpty);
+  XRRSelectInput(display_.get(), root, RRScreenChangeNotifyMask | RRCrtcChangeNotifyMask);
+  locate_output();
+  if (area_ == Rectangle{})
+    return rig::failure(rig::Fault::kNotFound,
+                        settings_.display + " shows nothing on output " + settings_.output);
+  return {};
+}
+
+void ScreenGrabber::Eye::locate_output() {
+  is_moved_ = false;
+  const XrrResources resources = screen_resources(display_.get());
+  if (!resources) return;
+  crtc_ = find_output(display_.get(), resources.get(), settings_.output).crtc;
+  const XrrCrtcInfo info(crtc_ == None ? nullptr
+                                       : XRRGetCrtcInfo(display_.get(), resources.get(), crtc_));
+  area_ = info ? Rectangle{info->x, info->y, static_cast<int>(info->width),
+                           static_cast<int>(info->height)}
+               : Rectangle{};
+  is_damaged_ = true;
+}
+
+bool ScreenGrabber::Eye::read_gamma() {
+  next_gamma_check_ = rig::HostClock::now() + kGammaPeriod;
+  const XrrGamma ramp(crtc_ == None ? nullptr : XRRGetCrtcGamma(display_.get(), crtc_));
+  if (!ramp || ramp->size < 2) return false;
+  const GammaTable table = make_table(*ramp);
+  const bool is_changed = table != gamma_;
+  gamma_ = table;
+  return is_changed;
+}
+
+void ScreenGrabber::Eye::read_events() {
+  while (!is_server_gone_ && XPending(display_.get()) > 0) {
+    XEvent event;
+    XNextEvent(display_.get(), &event);
+    if (event.type == damage_event_ + XDamageNotify) {
+      XDamageSubtract(display_.get(), damage_, None, None);  // before the grab: no gap
+      is_damaged_ = true;
+    } else if (event.type >= randr_event_) {
+      XRRUpdateConfiguration(&event);
+      is_moved_ = true;
+    }
+  }
+}
+
+void ScreenGrabber::Eye::grab() {
+  is_damaged_ = false;
+  if (is_server_gone_ || area_ == Rectangle{}) {
+    const int height_px = lit_ ? lit_->brightness.height_px() : 1;
+    const int width_px = lit_ ? lit_->brightness.width_px() : 1;
+    light_up(estimation::Image<unsigned char>(height_px, width_px));
+    return;
+  }
+  if (!image_ || image_->width_px() != area_.width_px || image_->height_px() != area_.height_px)
+    image_.emplace(display_.get(), area_.width_px, area_.height_px);
+  read_gamma();
+  if (image_->fill(area_.x_px, area_.y_px)) light_up(apply_gamma(*image_, gamma_));
+}
+
+void ScreenGrabber::Eye::light_up(estimation::Image<unsigned char> brightness) {
+  const double square_frac = take_square(
+      brightness,
+      place_square(settings_.sync_square, brightness.width_px(), brightness.height_px()));
+  const std::int64_t blank = clock_.blank_at(rig::HostClock::now()) + 1;
+  const rig::HostTime lit_at = clock_.time_of(blank + settings_.input_lag_frames);
+  if (std::shared_ptr<const Picture> picture = pictures_.find(std::move(brightness));
+      picture != lit_) {
+    lit_ = std::move(picture);
+    light_.show(lit_at, lit_);  // before the photodiode tells anybody
+    on_picture_(lit_);
+  }
+  if (square_frac == square_frac_) return;
+  square_frac_ = square_frac;
+  while (!levels_.empty() && levels_.back().time >= lit_at) levels_.pop_back();
+  const std::vector<LevelSample> samples = photodiode_.look(lit_at, square_frac);
+  levels_.insert(levels_.end(), samples.begin(), samples.end());
+}
+
+void ScreenGrabber::Eye::report_levels() {
+  while (!levels_.empty() && levels_.front().time <= rig::HostClock::now()) {
+    on_level_(levels_.front().time, levels_.front().level_adc);
+    levels_.pop_front();
+  }
+}
+
+void ScreenGrabber::Eye::wait_for_news(const std::stop_token& stop) {
+  if (stop.stop_requested() || (!is_server_gone_ && XPending(display_.get()) > 0)) return;
+  rig::HostTime due = next_gamma_check_;
+  if (is_server_gone_) due = rig::HostTime::max();
+  if (!levels_.empty()) due = std::min(due, levels_.front().time);
+  const auto left = std::max(due - rig::HostClock::now(), rig::HostClock::duration::zero());
+  const auto seconds = std::chrono::duration_cast<std::chrono::seconds>(left);
+  const timespec timeout{seconds.count(), (left - seconds).count()};
+  std::array<pollfd, 2> sources{
+      {{wake_, POLLIN, 0}, {ConnectionNumber(display_.get()), POLLIN, 0}}};
+  ppoll(sources.data(), is_server_gone_ ? 1 : 2, &timeout, nullptr);
+}
+
+void ScreenGrabber::Eye::run(const std::stop_token& stop) {
+  while (!stop.stop_requested()) {
+    const bool was_server_gone = is_server_gone_;
+    read_events();
+    if (is_moved_ && !is_server_gone_) locate_output();
+    if (!is_server_gone_ && rig::HostClock::now() >= next_gamma_check_ && read_gamma())
+      is_damaged_ = true;
+    if (is_damaged_ || is_server_gone_ != was_server_gone) grab();
+    report_levels();
+    wait_for_news(stop);
+  }
+}
+
+rig::Result<std::unique_ptr<ScreenGrabber>> ScreenGrabber::start(const GrabberSettings& settings,
+                                                                 LightTimeline& light,
+                                                                 PictureCallback on_picture,
+                                                                 LevelCallback on_level) {
+  auto eye = std::make_unique<Eye>(settings, light, std::move(on_picture), std::move(on_level));
+  if (const rig::Result<void> connected = eye->connect(); !connected)
+    return tl::unexpected(connected.error());
+  return std::unique_ptr<ScreenGrabber>(new ScreenGrabber(std::move(eye)));
+}
+
+ScreenGrabber::ScreenGrabber(std::unique_ptr<Eye> eye) : eye_(std::move(eye)) {
+  thread_ = std::jthread([this](const std::stop_token& stop) {
+    const std::stop_callback wake(stop, [this] { eye_->wake(); });
+    eye_->run(stop);
+  });
+}
+
+ScreenGrabber::~ScreenGrabber() = default;
+
+}  // namespace hw_sim
