@@ -1,0 +1,185 @@
+#include "hw_sim/gige/stream_sender.h"
+
+#include <sys/socket.h>
+#include <sys/uio.h>
+
+#include <algorithm>
+
+#include "hw_sim/gige/big_endian.h"
+
+namespace hw_sim {
+namespace {
+
+// Ethernet header, checksum, preamble and gap: what a packet costs on the wire beside itself.
+constexpr double kEthernetOverheadBytes = 38;
+// Shorter waits than this cost more than the burst they avoid.
+constexpr std::chrono::microseconds kPacingGrain{150};
+
+}  // namespace
+
+StreamSender::StreamSender(Socket socket, double link_rate_bit_per_s, GigeFaults& faults)
+    : socket_(std::move(socket)),
+      link_rate_bit_per_s_(link_rate_bit_per_s),
+      faults_(faults),
+      thread_([this](const std::stop_token& stop) { run(stop); }) {}
+
+void StreamSender::set_destination(std::uint32_t address, std::uint16_t port) {
+  const std::lock_guard lock(mutex_);
+  destination_ = {};
+  destination_.sin_family = AF_INET;
+  destination_.sin_addr.s_addr = htonl(address);
+  destination_.sin_port = htons(port);
+}
+
+std::shared_ptr<GvspBlock> StreamSender::take_block() {
+  const std::lock_guard lock(mutex_);
+  if (spare_.empty()) return std::make_shared<GvspBlock>();
+  std::shared_ptr<GvspBlock> block = std::move(spare_.back());
+  spare_.pop_back();
+  return block;
+}
+
+void StreamSender::send(std::shared_ptr<GvspBlock> block, rig::HostTime earliest) {
+  {
+    const std::lock_guard lock(mutex_);
+    queue_.push_back({std::move(block), earliest});
+  }
+  queued_.notify_one();
+}
+
+void StreamSender::resend(const ResendRequest& request, bool has_64_bit_id) {
+  if (faults_.is_resend_ignored) return;
+  std::shared_ptr<GvspBlock> block;
+  {
+    const std::lock_guard lock(mutex_);
+    block = find_kept(request.block_id);
+  }
+  if (!block) {
+    send_packet(make_unavailable_packet(request.block_id, has_64_bit_id, request.first_packet));
+    return;
+  }
+  const std::uint32_t last = std::min(request.last_packet, block->packet_count() - 1);
+  for (std::uint32_t packet = request.first_packet; packet <= last; ++packet) {
+    ++resent_packet_count_;
+    if (!is_lost()) send_packet(make_gvsp_packet(*block, packet, GvspStatus::kPacketResend));
+  }
+}
+
+void StreamSender::fire_test_packet(std::size_t packet_size_bytes) {
+  GvspPacket packet;
+  const std::vector<std::uint8_t> zeros(packet_size_bytes - kUdpHeaderBytes);
+  packet.data = zeros;
+  send_packet(packet);
+}
+
+void StreamSender::restart() {
+  {
+    const std::lock_guard lock(mutex_);
+    queue_.clear();
+    kept_.clear();
+  }
+  queued_.notify_one();
+}
+
+StreamCounters StreamSender::counters() const {
+  return {.sent_frame_count = sent_frame_count_,
+          .sent_packet_count = sent_packet_count_,
+          .resent_packet_count = resent_packet_count_,
+          .lost_packet_count = lost_packet_count_};
+}
+
+void StreamSender::run(const std::stop_token& stop) {
+  while (const std::shared_ptr<GvspBlock> block = next_block(stop)) {
+    if (take_one(faults_.lost_frames)) continue;
+    const bool is_truncated = take_one(faults_.truncated_frames);
+    if (!is_truncated) keep(block);
+    const std::uint32_t packet_count = block->packet_count();
+    send_packets(*block, is_truncated ? packet_count / 2 : packet_count, stop);
+    ++sent_frame_count_;
+  }
+}
+
+// The next block once it may leave; nullptr on stop.
+std::shared_ptr<GvspBlock> StreamSender::next_block(const std::stop_token& stop) {
+  std::unique_lock lock(mutex_);
+  while (queued_.wait(lock, stop, [this] { return !queue_.empty(); })) {
+    const rig::HostTime earliest = queue_.front().earliest;
+    // Woken early when restart() emptied the queue.
+    if (queued_.wait_until(lock, stop, earliest, [this] { return queue_.empty(); })) continue;
+    if (stop.stop_requested()) return nullptr;
+    std::shared_ptr<GvspBlock> block = std::move(queue_.front().block);
+    queue_.pop_front();
+    return block;
+  }
+  return nullptr;
+}
+
+void StreamSender::send_packets(const GvspBlock& block, std::uint32_t sent_count,
+                                const std::stop_token& stop) {
+  link_free_ = std::max(link_free_, rig::HostClock::now());
+  for (std::uint32_t packet = 0; packet < sent_count && !stop.stop_requested(); ++packet) {
+    const bool is_leader_lost = packet == 0 && take_one(faults_.lost_leaders);
+    const bool is_trailer_lost =
+        packet + 1 == block.packet_count() && take_one(faults_.lost_trailers);
+    if (is_leader_lost || is_trailer_lost || is_lost()) {
+      ++lost_packet_count_;
+    } else {
+      const GvspPacket made = make_gvsp_packet(block, packet, GvspStatus::kSuccess);
+      send_packet(made);
+      if (faults_.are_packets_duplicated) send_packet(made);
+    }
+    pace(block.packet_size_bytes);
+  }
+}
+
+void StreamSender::send_packet(const GvspPacket& packet) {
+  if (faults_.is_mute) return;
+  sockaddr_in destination;
+  {
+    const std::lock_guard lock(mutex_);
+    destination = destination_;
+  }
+  if (destination.sin_port == 0) return;
+  std::array<iovec, 2> pieces{};
+  pieces[0] = {const_cast<std::uint8_t*>(packet.header.data()),  // NOLINT: sendmsg only reads
+               packet.header_bytes};
+  pieces[1] = {const_cast<std::uint8_t*>(packet.data.data()), packet.data.size()};  // NOLINT
+  msghdr message{};
+  message.msg_name = &destination;
+  message.msg_namelen = sizeof destination;
+  message.msg_iov = pieces.data();
+  message.msg_iovlen = pieces.size();
+  if (sendmsg(socket_.fd(), &message, 0) >= 0) ++sent_packet_count_;
+}
+
+void StreamSender::pace(std::size_t packet_size_bytes) {
+  if (link_rate_bit_per_s_ <= 0) return;
+  const double wire_bits = (static_cast<double>(packet_size_bytes) + kEthernetOverheadBytes) * 8;
+  link_free_ +=
+      std::chrono::nanoseconds(static_cast<std::int64_t>(wire_bits / link_rate_bit_per_s_ * 1e9));
+  if (link_free_ - rig::HostClock::now() > kPacingGrain) std::this_thread::sleep_until(link_free_);
+}
+
+bool StreamSender::is_lost() {
+  const double loss_frac = faults_.packet_loss_frac;
+  if (loss_frac <= 0) return false;
+  const std::lock_guard lock(mutex_);
+  return std::uniform_real_distribution<double>(0, 1)(loss_draw_) < loss_frac;
+}
+
+std::shared_ptr<GvspBlock> StreamSender::find_kept(std::uint64_t block_id) const {
+  for (const auto& block : kept_)
+    if (block->id == block_id) return block;
+  return nullptr;
+}
+
+void StreamSender::keep(std::shared_ptr<GvspBlock> block) {
+  const std::lock_guard lock(mutex_);
+  kept_.push_back(std::move(block));
+  if (kept_.size() <= kKeptBlocks) return;
+  // A resend may still be reading the oldest; then it is let go instead of used again.
+  if (kept_.front().use_count() == 1) spare_.push_back(std::move(kept_.front()));
+  kept_.pop_front();
+}
+
+}  // namespace hw_sim
