@@ -12,12 +12,12 @@ namespace {
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 // By exposure, so that the sums do not depend on the order of arrival. Equal exposures share their
-// black, and sums of two such numbers commute; callers with three or more keep the manifest's order.
+// black, and sums of two such numbers commute; callers with three or more keep the manifest's
+// order.
 std::vector<ExposedFrame> in_fixed_order(std::span<const ExposedFrame> frames) {
   std::vector<ExposedFrame> sorted(frames.begin(), frames.end());
-  std::stable_sort(sorted.begin(), sorted.end(), [](const auto& a, const auto& b) {
-    return a.exposure_us < b.exposure_us;
-  });
+  std::stable_sort(sorted.begin(), sorted.end(),
+                   [](const auto& a, const auto& b) { return a.exposure_us < b.exposure_us; });
   return sorted;
 }
 
@@ -51,9 +51,9 @@ CameraBlack::CameraBlack(std::vector<Dark> darks) {
 }
 
 CameraBlack::Between CameraBlack::between(double exposure_us) const {
-  const auto upper =
-      std::find_if(darks_.begin(), darks_.end(),
-                   [&](const Averaged& dark) { return dark.exposure_us >= exposure_us; });
+  const auto upper = std::find_if(darks_.begin(), darks_.end(), [&](const Averaged& dark) {
+    return dark.exposure_us >= exposure_us;
+  });
   if (upper == darks_.begin()) return {};
   const auto index = static_cast<std::size_t>(upper - darks_.begin());
   if (upper == darks_.end()) return {.lower = index - 1, .upper = index - 1};
@@ -73,8 +73,7 @@ void CameraBlack::row(double exposure_us, int row, std::span<float> out) const {
   const std::span<const float> upper = darks_[pair.upper].dn.view().row(row);
   check(lower.size() == out.size(), "dark frames have the frames' size");
   const float fraction = static_cast<float>(pair.fraction);
-  for (std::size_t i = 0; i < out.size(); ++i)
-    out[i] = lower[i] + fraction * (upper[i] - lower[i]);
+  for (std::size_t i = 0; i < out.size(); ++i) out[i] = lower[i] + fraction * (upper[i] - lower[i]);
 }
 
 double CameraBlack::mean_dn(double exposure_us) const {

@@ -50,8 +50,9 @@ struct ExposedFrame {
 };
 
 // Signal rate of each sample: sum(DN - black) / sum(exposure) over the exposures in which the
-// sample is below saturation, then divided by the flat field. For photon noise, whose variance grows
-// with signal times exposure, this ratio of sums is the maximum likelihood estimate of the rate.
+// sample is below saturation, then divided by the flat field. For photon noise, whose variance
+// grows with signal times exposure, this ratio of sums is the maximum likelihood estimate of the
+// rate.
 //   frames       of one pattern, any number and order; two of the same exposure are both used
 //   flat_field   [height][width] relative to 1, or empty
 //   returns      [height][width][channel] DN/us; NaN where every exposure is saturated or the flat

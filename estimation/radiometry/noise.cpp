@@ -51,10 +51,10 @@ std::vector<MergedNoise> merged_noise(std::vector<double> exposures_us, const Se
     double total_us = 0;
     for (std::size_t i = first; i < exposures_us.size(); ++i) total_us += exposures_us[i];
     const double frames = static_cast<double>(exposures_us.size() - first);
-    noise.push_back({.up_to_dn_per_us = headroom_dn / exposures_us[first],
-                     .read_variance =
-                         frames * (read_dn * read_dn + 1.0 / 12) / (total_us * total_us),
-                     .shot_dn_per_us = 1 / (sensor.gain_e_per_dn * total_us)});
+    noise.push_back(
+        {.up_to_dn_per_us = headroom_dn / exposures_us[first],
+         .read_variance = frames * (read_dn * read_dn + 1.0 / 12) / (total_us * total_us),
+         .shot_dn_per_us = 1 / (sensor.gain_e_per_dn * total_us)});
   }
   if (!noise.empty()) noise.back().up_to_dn_per_us = std::numeric_limits<double>::infinity();
   return noise;
@@ -72,7 +72,8 @@ double variance_at(std::span<const MergedNoise> noise, double signal_dn_per_us) 
 std::optional<MergedNoise> noise_from_stripes(std::span<const ImageView<const float>> signals) {
   if (signals.size() < 8) return std::nullopt;
   const int height = signals.front().height_px, width = signals.front().width_px;
-  const std::size_t pixel_count = static_cast<std::size_t>(height) * static_cast<std::size_t>(width);
+  const std::size_t pixel_count =
+      static_cast<std::size_t>(height) * static_cast<std::size_t>(width);
   const std::size_t step = std::max<std::size_t>(1, pixel_count / kMostPixels);
   std::vector<PixelNoise> pixels;
   for (std::size_t i = 0; i < pixel_count; i += step) {

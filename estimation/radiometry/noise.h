@@ -15,8 +15,8 @@ struct SensorNoise {
   double read_noise_e = 0;
 };
 
-// Variance of a merged sample, (DN/us)^2: read_variance + shot_dn_per_us * signal, for signals up to
-// up_to_dn_per_us: a bright sample has lost its long exposures.
+// Variance of a merged sample, (DN/us)^2: read_variance + shot_dn_per_us * signal, for signals up
+// to up_to_dn_per_us: a bright sample has lost its long exposures.
 struct MergedNoise {
   double up_to_dn_per_us = std::numeric_limits<double>::infinity();
   double read_variance = 0;

@@ -1,0 +1,68 @@
+#include "estimation/profile/profile_table.h"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace estimation {
+namespace {
+
+using std::numbers::pi;
+
+constexpr double kSmallestHarmonic = 3e-5;  // of the mean; a tenth of the best signal's noise
+
+// Three periods' worth of harmonics hold a stripe's edge to 1e-3; 128 bound the table's memory.
+std::size_t harmonic_limit(StripeShape shape) {
+  return static_cast<std::size_t>(std::min(3 * shape.period_px, 128));
+}
+
+double stripe_harmonic(StripeShape shape, std::size_t n) {
+  const double x = pi * static_cast<double>(n) * shape.width_px / shape.period_px;
+  return std::sin(x) / x;
+}
+
+std::size_t count_above(std::span<const float> harmonics, double smallest) {
+  std::size_t count = harmonics.size();
+  while (count > 1 && static_cast<double>(std::abs(harmonics[count - 1])) < smallest) --count;
+  return count;
+}
+
+}  // namespace
+
+ProfileTable::ProfileTable(const ScatteringModel& model, StripeShape shape, const TableRange& range)
+    : shape_(shape),
+      range_(range),
+      log_step_(std::log(range.greatest_translucency_px / range.least_translucency_px) /
+                (kCols - 1)),
+      stride_(harmonic_limit(shape)),
+      harmonics_(stride_ * kRows * kCols),
+      counts_(static_cast<std::size_t>(kRows) * kCols) {
+  tbb::parallel_for(0, kRows, [&](int row) {
+    const double reflectance = std::lerp(range_.least_reflectance, range_.greatest_reflectance,
+                                         static_cast<double>(row) / (kRows - 1));
+    std::vector<double> k_times_l_d(stride_ + 1), transform(stride_ + 1);
+    for (int col = 0; col < kCols; ++col) {
+      const double l_d_px = translucency_px_at(col);
+      for (std::size_t n = 0; n <= stride_; ++n)
+        k_times_l_d[n] = 2 * pi * static_cast<double>(n) / shape_.period_px * l_d_px;
+      model.transform(reflectance, k_times_l_d, transform);
+      float* entry = harmonics_.data() + index(row, col) * stride_;
+      for (std::size_t n = 1; n <= stride_; ++n)
+        entry[n - 1] = static_cast<float>(stripe_harmonic(shape_, n) * transform[n] / transform[0]);
+      counts_[index(row, col)] = count_above({entry, stride_}, kSmallestHarmonic);
+    }
+  });
+}
+
+double ProfileTable::row_of(double diffuse_reflectance) const {
+  return (diffuse_reflectance - range_.least_reflectance) /
+         (range_.greatest_reflectance - range_.least_reflectance) * (kRows - 1);
+}
+
+double ProfileTable::translucency_px_at(double col) const {
+  return range_.least_translucency_px * std::exp(log_step_ * col);
+}
+
+}  // namespace estimation

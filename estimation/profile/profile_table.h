@@ -1,0 +1,64 @@
+// The paper's lookup table: scattering profiles over R_d (rows) and l_d (columns).
+//
+// Differs from the paper's in form only: a profile is kept as its harmonics instead of one sample a
+// shift (exact at any sub-pixel position, and the optics' transfer multiplies them), and l_d is in
+// projector pixels, so that one table serves every pitch (design/estimation.md, section 1).
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "estimation/models/scattering_model.h"
+#include "estimation/profile/stripe_set.h"
+
+namespace estimation {
+
+struct TableRange {
+  double least_reflectance = 0.002;
+  double greatest_reflectance = 0.998;
+  // Far below 0.1 projector px a profile is the stripe itself, above 60 a flat line
+  // (design/estimation.md, "Identifiability").
+  double least_translucency_px = 0.05;
+  double greatest_translucency_px = 60;
+};
+
+// Immutable once built, thread-safe.
+class ProfileTable {
+ public:
+  static constexpr int kRows = 200;  // R_d, evenly spaced
+  static constexpr int kCols = 200;  // l_d, evenly spaced in its logarithm
+
+  // Fills the table in the caller's oneTBB arena; the same bits for any number of threads.
+  ProfileTable(const ScatteringModel& model, StripeShape shape, const TableRange& range);
+
+  // Harmonics n = 1, 2, ... of the profile of area one: a pixel at projector position u sees
+  //   1 + 2 sum_n c_n m_n cos(2 pi n (u - shift - (width - 1)/2) / period)
+  // times its mean under shift. As many as exceed 3e-5 in this entry or are needed to have one.
+  std::span<const float> harmonics(int row, int col) const {
+    const std::size_t entry = index(row, col);
+    return {harmonics_.data() + entry * stride_, counts_[entry]};
+  }
+  int greatest_harmonic_count() const { return static_cast<int>(stride_); }
+
+  // Positions between rows and columns are allowed.
+  double row_of(double diffuse_reflectance) const;
+  double translucency_px_at(double col) const;
+  double log_step() const { return log_step_; }  // of l_d, from column to column
+
+  const TableRange& range() const { return range_; }
+  StripeShape shape() const { return shape_; }
+
+ private:
+  static std::size_t index(int row, int col) {
+    return static_cast<std::size_t>(row) * kCols + static_cast<std::size_t>(col);
+  }
+
+  StripeShape shape_;
+  TableRange range_;
+  double log_step_ = 0;
+  std::size_t stride_ = 0;
+  std::vector<float> harmonics_;     // [row][col][stride_]
+  std::vector<std::size_t> counts_;  // [row][col]
+};
+
+}  // namespace estimation

@@ -1,0 +1,90 @@
+#include "estimation/profile/stripe_transfer.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace estimation {
+namespace {
+
+constexpr double kCalibratedPeriodPx = 40;
+
+const std::vector<double>& curve_of(const TransferByBand& transfer, int band) {
+  const std::vector<double>& own = transfer.harmonics[static_cast<std::size_t>(band)];
+  return own.empty() ? transfer.harmonics[0] : own;
+}
+
+// Contrast at `cycles` per 40 projector px from the values at 1, 2, ...
+double contrast_at(std::span<const double> curve, double cycles) {
+  if (curve.empty()) return 1;
+  const double last = static_cast<double>(curve.size());
+  if (cycles >= last)
+    return curve.back() > 0 ? std::pow(curve.back(), (cycles / last) * (cycles / last)) : 0;
+  const auto below = static_cast<std::size_t>(cycles);
+  const double low = below == 0 ? 1 : curve[below - 1];
+  return std::lerp(low, curve[below], cycles - static_cast<double>(below));
+}
+
+InputError wrong_file(const std::string& expectation) {
+  return {InputFault::kInvalid, "", "/calibration/stripe_transfer", expectation};
+}
+
+}  // namespace
+
+Result<HarmonicTransfer> HarmonicTransfer::create(const std::optional<StripeTransfer>& calibration,
+                                                  const std::map<std::string, Image<float>>& file,
+                                                  const CameraInfo& camera) {
+  HarmonicTransfer transfer;
+  if (!calibration) return transfer;
+  if (const auto* by_band = std::get_if<TransferByBand>(&*calibration))
+    transfer.depths_ = {{.distance_mm = 0, .transfer = *by_band}};
+  if (const auto* by_depth = std::get_if<TransferByDepth>(&*calibration))
+    transfer.depths_ = by_depth->entries;
+  if (!std::holds_alternative<TransferFile>(*calibration)) return transfer;
+  const bool is_mono = camera.pixel_format.filter == ColorFilter::kMono;
+  for (int band = 0; band < band_count(camera.pixel_format.filter); ++band) {
+    const std::string name = std::string("RGB").substr(static_cast<std::size_t>(band), 1);
+    std::vector<Image<float>>& maps = transfer.maps_[static_cast<std::size_t>(band)];
+    for (int n = 1;; ++n) {
+      auto channel = file.find(name + "." + std::to_string(n));
+      if (channel == file.end() && is_mono) channel = file.find("Y." + std::to_string(n));
+      if (channel == file.end()) break;
+      if (channel->second.width_px() != camera.width_px ||
+          channel->second.height_px() != camera.height_px)
+        return tl::unexpected(wrong_file("the EXR's size is not the camera's"));
+      maps.push_back(channel->second);
+    }
+    if (maps.empty())
+      return tl::unexpected(wrong_file("the EXR has no channel " + name + ".1; expected " + name +
+                                       ".1, " + name + ".2, ..."));
+  }
+  return transfer;
+}
+
+void HarmonicTransfer::at(int row, int col, int band, double distance_mm, int period_px,
+                          std::span<float> out) const {
+  const double cycles_per_harmonic = kCalibratedPeriodPx / period_px;
+  std::vector<double> own_curve;
+  std::span<const double> low, high;
+  double fraction = 0;
+  if (const auto& maps = maps_[static_cast<std::size_t>(band)]; !maps.empty()) {
+    for (const Image<float>& map : maps) own_curve.push_back(static_cast<double>(map.at(row, col)));
+    low = high = own_curve;
+  } else if (!depths_.empty()) {
+    const auto after = std::find_if(depths_.begin(), depths_.end(), [&](const auto& entry) {
+      return entry.distance_mm >= distance_mm;
+    });
+    const auto upper = after == depths_.end() ? depths_.end() - 1 : after;
+    const auto lower = upper == depths_.begin() || after == depths_.end() ? upper : upper - 1;
+    if (lower != upper)
+      fraction = (distance_mm - lower->distance_mm) / (upper->distance_mm - lower->distance_mm);
+    low = curve_of(lower->transfer, band);
+    high = curve_of(upper->transfer, band);
+  }
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const double cycles = static_cast<double>(i + 1) * cycles_per_harmonic;
+    out[i] = static_cast<float>(
+        std::lerp(contrast_at(low, cycles), contrast_at(high, cycles), fraction));
+  }
+}
+
+}  // namespace estimation

@@ -1,0 +1,66 @@
+// One pixel's response to stripe patterns in closed form (design/estimation.md, section 1), summed
+// directly: no table, no interpolation.
+#pragma once
+
+#include <cmath>
+#include <numbers>
+#include <span>
+#include <vector>
+
+#include "estimation/models/dipole.h"
+#include "estimation/profile/stripe_set.h"
+
+namespace estimation::testing {
+
+struct Skin {
+  const char* name;
+  Coefficients medium;
+};
+// The paper's Table 2.
+inline constexpr Skin kCheekRed{"cheek red", {0.0525, 1.2814}};
+inline constexpr Skin kCheekGreen{"cheek green", {0.1653, 1.5000}};
+inline constexpr Skin kLipsBlue{"lips blue", {0.2835, 0.7982}};
+inline constexpr Skin kStubbleBlue{"stubble blue", {0.6707, 0.6648}};
+
+inline StripeSet stripe_set(int period_px, int width_px, std::vector<int> shifts_px) {
+  StripeSet set{.axis = Axis::kColumn,
+                .shape = {.period_px = period_px, .width_px = width_px},
+                .shifts_px = std::move(shifts_px)};
+  for (std::size_t i = 0; i < set.shifts_px.size(); ++i) set.sources.push_back({i});
+  return set;
+}
+
+inline StripeSet paper_stripes() {
+  std::vector<int> shifts;
+  for (int shift = 0; shift < 40; ++shift) shifts.push_back(shift);
+  return stripe_set(40, 8, shifts);
+}
+
+// r(s) at projector position u_px; m_n = exp(-(n/blur_harmonic)^2), 0 means perfect optics.
+inline std::vector<double> reflectance_factors(const StripeSet& stripes, const Coefficients& medium,
+                                               double eta, double pitch_mm, double u_px,
+                                               double indirect, double blur_harmonic = 0) {
+  constexpr int kTerms = 3000;
+  const double period = stripes.shape.period_px, duty = stripes.shape.width_px / period;
+  const double reflectance = dipole_reflectance(medium, eta);
+  const double l_d_px = diffuse_mean_free_path_mm(medium) / pitch_mm;
+  std::vector<double> k(kTerms), transform(kTerms);
+  for (int n = 0; n < kTerms; ++n)
+    k[static_cast<std::size_t>(n)] = 2 * std::numbers::pi * n / period * l_d_px;
+  Dipole(eta).transform(reflectance, k, transform);
+  std::vector<double> r;
+  for (const int shift : stripes.shifts_px) {
+    double sum = duty * (transform[0] + indirect);
+    for (int n = 1; n < kTerms; ++n) {
+      const double x = std::numbers::pi * n * duty;
+      const double m = blur_harmonic > 0 ? std::exp(-std::pow(n / blur_harmonic, 2)) : 1;
+      sum += 2 * duty * std::sin(x) / x * m * transform[static_cast<std::size_t>(n)] *
+             std::cos(2 * std::numbers::pi * n *
+                      (u_px - shift - 0.5 * (stripes.shape.width_px - 1)) / period);
+    }
+    r.push_back(sum);
+  }
+  return r;
+}
+
+}  // namespace estimation::testing
