@@ -1,0 +1,330 @@
+#include "hw_sim/world/transport.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <cstddef>
+#include <istream>
+#include <mutex>
+#include <ostream>
+
+namespace hw_sim {
+
+namespace {
+
+constexpr double kTailFrac = 1e-4;  // of R_d beyond the radius that is summed
+// Lattice spacing, in units of the kernel's depth z_r, from which the finer lattice is used: its
+// aliases are exp(-2 pi / 0.7) of the kernel, 1e-4.
+constexpr double kCoarseSpacing = 0.7;
+constexpr std::size_t kChunk = 512;  // samples a task
+
+std::size_t to_size(int value) { return static_cast<std::size_t>(value); }
+
+using Rect = SplitPicture::Rect;
+
+// The lattice points of `lattice` within `rect` (projector pixels, grown by `margin` points) and
+// within the kernel's radius: calls use(lattice row, lattice col, index, weight).
+template <typename Use>
+void for_each_lit(const LightLattice& lattice, const Rect& rect, int margin,
+                  const std::array<float, 3>& point, const KernelTable& kernel, const Use& use) {
+  const int n = lattice.per_px;
+  const int row_begin = std::max(rect.row_begin * n - margin, 0);
+  const int row_end = std::min(rect.row_end * n + margin, lattice.height);
+  const int col_begin = std::max(rect.col_begin * n - margin, 0);
+  const int col_end = std::min(rect.col_end * n + margin, lattice.width);
+  const float radius2 = kernel.radius2_mm2();
+  for (int row = row_begin; row < row_end; ++row) {
+    const std::size_t base = to_size(row) * to_size(lattice.width);
+    for (int col = col_begin; col < col_end; ++col) {
+      const std::size_t i = base + to_size(col);
+      const float dx = lattice.x_mm[i] - point[0];
+      const float dy = lattice.y_mm[i] - point[1];
+      const float dz = lattice.z_mm[i] - point[2];
+      const float distance2 = dx * dx + dy * dy + dz * dz;
+      if (distance2 < radius2) use(row, col, i, lattice.flux_mm2[i] * kernel.at(distance2));
+    }
+  }
+}
+
+// What a sum over lattice points says about whole pixels: the square filter, then pixels.
+std::vector<float> to_pixels(const std::vector<float>& points, int margin, int per_px) {
+  std::vector<float> pixels((points.size() - 2 * to_size(margin)) / to_size(per_px), 0.0F);
+  for (std::size_t px = 0; px < pixels.size(); ++px)
+    for (std::size_t k = 0; k < to_size(per_px); ++k) {
+      const std::size_t center = px * to_size(per_px) + k + to_size(margin);
+      for (std::size_t tap = 0; tap < 5; ++tap)
+        pixels[px] += kSquareTaps[tap] * points[center + tap - 2];
+    }
+  return pixels;
+}
+
+std::uint64_t dot(const std::uint16_t* responses, const unsigned char* line, int count) {
+  std::uint64_t total = 0;
+  // 65535 * 255 * 256 fits into 32 bits, which the compiler can vectorise.
+  for (int begin = 0; begin < count; begin += 256) {
+    std::uint32_t sum = 0;
+    const int end = std::min(begin + 256, count);
+    for (int i = begin; i < end; ++i) sum += static_cast<std::uint32_t>(responses[i]) * line[i];
+    total += sum;
+  }
+  return total;
+}
+
+}  // namespace
+
+SplitPicture split_picture(estimation::ImageView<const unsigned char> brightness) {
+  const int height = brightness.height_px, width = brightness.width_px;
+  const Rect whole{0, height, 0, width};
+  // The middle row and column miss a sync square, which sits in a corner.
+  SplitPicture columns{SplitPicture::Kind::kColumns, {}, {height, 0, width, 0}};
+  SplitPicture rows{SplitPicture::Kind::kRows, {}, {height, 0, width, 0}};
+  for (int col = 0; col < width; ++col) columns.line.push_back(brightness.at(height / 2, col));
+  for (int row = 0; row < height; ++row) rows.line.push_back(brightness.at(row, width / 2));
+  const auto grow = [](Rect& rect, int row, int col) {
+    rect.row_begin = std::min(rect.row_begin, row);
+    rect.row_end = std::max(rect.row_end, row + 1);
+    rect.col_begin = std::min(rect.col_begin, col);
+    rect.col_end = std::max(rect.col_end, col + 1);
+  };
+  for (int row = 0; row < height; ++row)
+    for (int col = 0; col < width; ++col) {
+      const unsigned char value = brightness.at(row, col);
+      if (value != columns.line[to_size(col)]) grow(columns.rest, row, col);
+      if (value != rows.line[to_size(row)]) grow(rows.rest, row, col);
+    }
+  const auto area = [](const Rect& rect) {
+    return rect.empty() ? 0.0
+                        : static_cast<double>(rect.row_end - rect.row_begin) *
+                              static_cast<double>(rect.col_end - rect.col_begin);
+  };
+  SplitPicture& best = area(columns.rest) <= area(rows.rest) ? columns : rows;
+  // A rest as large as a twentieth of the picture is no sync square.
+  if (area(best.rest) > 0.05 * area(whole)) return {SplitPicture::Kind::kGeneral, {}, whole};
+  if (best.rest.empty()) best.rest = {};
+  return best;
+}
+
+// What one task makes for its chunk of samples.
+struct Transport::Worker {
+  const ProjectorLight& light;
+  const LightLattice& coarse;
+  const LightLattice& fine;
+  std::vector<std::uint16_t> responses;
+  // Neighbours mostly share their material: keep its kernel.
+  Scattering scattering;
+  KernelTable kernel;
+  double depth_mm = 0;
+  double radius_mm = 0;
+
+  void use_material(const Scattering& wanted) {
+    if (wanted == scattering) return;
+    scattering = wanted;
+    const Dipole dipole(wanted);
+    radius_mm = dipole.radius_with_tail_mm(kTailFrac);
+    depth_mm = dipole.real_depth_mm();
+    kernel = KernelTable(dipole, radius_mm);
+  }
+
+  Rect reach_of(const SeenSample& sample, double distance_mm) const {
+    const estimation::Vec3 point(sample.point_mm[0], sample.point_mm[1], sample.point_mm[2]);
+    const ProjectedPoint center = light.projector().project(point);
+    if (!center.is_in_front) return {};
+    // A sphere of that radius, seen from the projector; one more pixel for the lens's distortion
+    // and perspective.
+    const double reach_px =
+        light.projector().focal_px() * radius_mm / std::max(distance_mm - radius_mm, 1.0) * 1.02 +
+        1;
+    const auto clamped = [](double value, int limit) {
+      return static_cast<int>(std::clamp(value, 0.0, static_cast<double>(limit)));
+    };
+    return {clamped(std::floor(center.row_px - reach_px), light.height_px()),
+            clamped(std::ceil(center.row_px + reach_px) + 1, light.height_px()),
+            clamped(std::floor(center.col_px - reach_px), light.width_px()),
+            clamped(std::ceil(center.col_px + reach_px) + 1, light.width_px())};
+  }
+
+  Entry measure(const SeenSample& sample) {
+    use_material(sample.scattering);
+    const estimation::Vec3 point(sample.point_mm[0], sample.point_mm[1], sample.point_mm[2]);
+    const double distance_mm = cv::norm(point - light.projector().center_mm());
+    Entry entry;
+    entry.reach = reach_of(sample, distance_mm);
+    if (entry.reach.empty()) return entry;
+    const double cosine = std::max(0.05, static_cast<double>(sample.cos_projector));
+    const double spacing_mm = distance_mm / light.projector().focal_px() / cosine;
+    entry.is_fine = spacing_mm > kCoarseSpacing * depth_mm ? 1 : 0;
+    const LightLattice& lattice = entry.is_fine != 0 ? fine : coarse;
+    constexpr int kMargin = 2;  // for the square filter
+    const int n = lattice.per_px;
+    const Rect& reach = entry.reach;
+    std::vector<float> by_col(to_size((reach.col_end - reach.col_begin) * n + 2 * kMargin), 0.0F);
+    std::vector<float> by_row(to_size((reach.row_end - reach.row_begin) * n + 2 * kMargin), 0.0F);
+    float* const cols = by_col.data() + kMargin - reach.col_begin * n;
+    float* const rows = by_row.data() + kMargin - reach.row_begin * n;
+    for_each_lit(lattice, reach, kMargin, sample.point_mm, kernel,
+                 [&](int row, int col, std::size_t, float weight) {
+                   cols[col] += weight;
+                   rows[row] += weight;
+                 });
+    entry.windows[0] = store(to_pixels(by_col, kMargin, n), reach.col_begin);
+    entry.windows[1] = store(to_pixels(by_row, kMargin, n), reach.row_begin);
+    return entry;
+  }
+
+  // 16 bits relative to the largest: steps of 8e-6 of what a whole picture adds. Leading and
+  // trailing zeros are left out.
+  Window store(const std::vector<float>& pixels, int begin) {
+    const float largest = *std::max_element(pixels.begin(), pixels.end());
+    Window window;
+    window.offset = static_cast<std::int64_t>(responses.size());
+    if (largest <= 0) return window;
+    window.scale = largest / 65535;
+    std::vector<std::uint16_t> steps;
+    for (const float value : pixels)
+      steps.push_back(static_cast<std::uint16_t>(std::max(value, 0.0F) / window.scale + 0.5F));
+    const auto is_lit = [](std::uint16_t value) { return value > 0; };
+    const auto first = std::find_if(steps.begin(), steps.end(), is_lit);
+    const auto last = std::find_if(steps.rbegin(), steps.rend(), is_lit).base();
+    window.begin = begin + static_cast<int>(first - steps.begin());
+    window.count = static_cast<int>(last - first);
+    responses.insert(responses.end(), first, last);
+    return window;
+  }
+};
+
+Transport Transport::build(const std::vector<SeenSample>& samples, const ProjectorLight& light,
+                           const Progress& progress) {
+  Transport transport;
+  transport.samples_ = &samples;
+  transport.light_ = &light;
+  transport.entries_.resize(samples.size());
+  const LightLattice& coarse = light.coarse();
+  const LightLattice& fine = light.fine();
+  const std::size_t chunk_count = (samples.size() + kChunk - 1) / kChunk;
+  std::vector<std::vector<std::uint16_t>> chunks(chunk_count);
+  std::mutex progress_mutex;
+  std::size_t done_count = 0;  // guarded by progress_mutex
+  tbb::parallel_for(std::size_t{0}, chunk_count, [&](std::size_t chunk) {
+    Worker worker{light, coarse, fine, {}, {}, {}};
+    const std::size_t end = std::min(samples.size(), (chunk + 1) * kChunk);
+    for (std::size_t i = chunk * kChunk; i < end; ++i)
+      transport.entries_[i] = worker.measure(samples[i]);
+    chunks[chunk] = std::move(worker.responses);
+    chunks[chunk].shrink_to_fit();
+    const std::lock_guard lock(progress_mutex);
+    ++done_count;
+    if (progress) progress(static_cast<double>(done_count) / static_cast<double>(chunk_count));
+  });
+  std::size_t total = 0;
+  for (const auto& chunk : chunks) total += chunk.size();
+  transport.responses_.reserve(total);
+  for (std::size_t chunk = 0; chunk < chunk_count; ++chunk) {
+    const auto offset = static_cast<std::int64_t>(transport.responses_.size());
+    const std::size_t end = std::min(samples.size(), (chunk + 1) * kChunk);
+    for (std::size_t i = chunk * kChunk; i < end; ++i)
+      for (Window& window : transport.entries_[i].windows) window.offset += offset;
+    transport.responses_.insert(transport.responses_.end(), chunks[chunk].begin(),
+                                chunks[chunk].end());
+    std::vector<std::uint16_t>().swap(chunks[chunk]);
+  }
+  return transport;
+}
+
+void Transport::save(std::ostream& out) const {
+  const std::uint64_t sizes[2] = {entries_.size(), responses_.size()};
+  out.write(reinterpret_cast<const char*>(sizes), sizeof(sizes));
+  out.write(reinterpret_cast<const char*>(entries_.data()),
+            static_cast<std::streamsize>(entries_.size() * sizeof(Entry)));
+  out.write(reinterpret_cast<const char*>(responses_.data()),
+            static_cast<std::streamsize>(responses_.size() * sizeof(std::uint16_t)));
+}
+
+bool Transport::load(std::istream& in, const std::vector<SeenSample>& samples,
+                     const ProjectorLight& light) {
+  std::uint64_t sizes[2] = {0, 0};
+  in.read(reinterpret_cast<char*>(sizes), sizeof(sizes));
+  // More than 4096 responses a sample is no transport of ours but a damaged size.
+  if (!in || sizes[0] != samples.size() || sizes[1] > 4096 * samples.size()) return false;
+  entries_.resize(sizes[0]);
+  responses_.resize(sizes[1]);
+  in.read(reinterpret_cast<char*>(entries_.data()),
+          static_cast<std::streamsize>(entries_.size() * sizeof(Entry)));
+  in.read(reinterpret_cast<char*>(responses_.data()),
+          static_cast<std::streamsize>(responses_.size() * sizeof(std::uint16_t)));
+  samples_ = &samples;
+  light_ = &light;
+  return static_cast<bool>(in);
+}
+
+void Transport::add_light(estimation::ImageView<const unsigned char> brightness,
+                          std::vector<float>& linear) const {
+  if (entries_.empty()) return;
+  const SplitPicture split = split_picture(brightness);
+  if (split.kind == SplitPicture::Kind::kColumns) add_line(0, split.line, linear);
+  if (split.kind == SplitPicture::Kind::kRows) add_line(1, split.line, linear);
+  if (!split.rest.empty()) add_rest(brightness, split, linear);
+}
+
+void Transport::add_line(std::size_t axis, const std::vector<unsigned char>& line,
+                         std::vector<float>& linear) const {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, entries_.size(), 4096),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                        const Window& window = entries_[i].windows[axis];
+                        const std::uint64_t sum = dot(responses_.data() + window.offset,
+                                                      line.data() + window.begin, window.count);
+                        linear[to_size((*samples_)[i].sample)] +=
+                            window.scale * static_cast<float>(sum) / 255;
+                      }
+                    });
+}
+
+void Transport::add_rest(estimation::ImageView<const unsigned char> brightness,
+                         const SplitPicture& split, std::vector<float>& linear) const {
+  estimation::Image<float> rest(brightness.height_px, brightness.width_px);
+  for (int row = split.rest.row_begin; row < split.rest.row_end; ++row)
+    for (int col = split.rest.col_begin; col < split.rest.col_end; ++col) {
+      float value = static_cast<float>(brightness.at(row, col));
+      if (split.kind == SplitPicture::Kind::kColumns)
+        value -= static_cast<float>(split.line[to_size(col)]);
+      if (split.kind == SplitPicture::Kind::kRows)
+        value -= static_cast<float>(split.line[to_size(row)]);
+      rest.at(row, col) = value / 255;
+    }
+  const bool any_fine = std::any_of(entries_.begin(), entries_.end(), [&](const Entry& entry) {
+    return entry.is_fine != 0 && entry.reach.meets(split.rest);
+  });
+  const LightLattice& coarse = light_->coarse();
+  const LightLattice& fine = any_fine ? light_->fine() : coarse;
+  const std::vector<float> coarse_light = light_on_lattice(coarse, std::as_const(rest).view());
+  const std::vector<float> fine_light =
+      any_fine ? light_on_lattice(fine, std::as_const(rest).view()) : std::vector<float>{};
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, entries_.size(), kChunk),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      Worker worker{*light_, coarse, fine, {}, {}, {}};
+                      for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                        const Entry& entry = entries_[i];
+                        if (!entry.reach.meets(split.rest)) continue;
+                        const SeenSample& sample = (*samples_)[i];
+                        worker.use_material(sample.scattering);
+                        const bool is_fine = entry.is_fine != 0;
+                        const std::vector<float>& lit = is_fine ? fine_light : coarse_light;
+                        const Rect both{std::max(entry.reach.row_begin, split.rest.row_begin - 2),
+                                        std::min(entry.reach.row_end, split.rest.row_end + 2),
+                                        std::max(entry.reach.col_begin, split.rest.col_begin - 2),
+                                        std::min(entry.reach.col_end, split.rest.col_end + 2)};
+                        double sum = 0;
+                        for_each_lit(is_fine ? fine : coarse, both, 2, sample.point_mm,
+                                     worker.kernel, [&](int, int, std::size_t index, float weight) {
+                                       sum += static_cast<double>(weight) *
+                                              static_cast<double>(lit[index]);
+                                     });
+                        linear[to_size(sample.sample)] += static_cast<float>(sum);
+                      }
+                    });
+}
+
+}  // namespace hw_sim

@@ -1,0 +1,90 @@
+// Subsurface light transport: each camera sample's response to the projector's columns, to its
+// rows, and, slowly, to any picture. Integrated over the lit surface in space: paper eq. 7 with
+// eq. 3's kernel of the material at the seen point.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <iosfwd>
+#include <vector>
+
+#include "estimation/base/image.h"
+#include "hw_sim/world/dipole.h"
+#include "hw_sim/world/projector_light.h"
+
+namespace hw_sim {
+
+// A sample of the camera that sees the surface: one for mono and Bayer pixels, three for RGB.
+struct SeenSample {
+  std::array<float, 3> point_mm{};
+  std::int32_t sample = 0;  // index into the frame's samples
+  float cos_projector = 0;  // between normal and the direction to the projector
+  Scattering scattering;    // of its band
+};
+
+// A projector picture taken apart into what varies along one axis alone and the rectangle where it
+// differs from that (the sync square).
+struct SplitPicture {
+  enum class Kind { kColumns, kRows, kGeneral };
+  struct Rect {
+    int row_begin = 0, row_end = 0, col_begin = 0, col_end = 0;
+    bool empty() const { return row_begin >= row_end || col_begin >= col_end; }
+    bool meets(const Rect& other) const {
+      return row_begin < other.row_end && other.row_begin < row_end && col_begin < other.col_end &&
+             other.col_begin < col_end;
+    }
+  };
+  Kind kind = Kind::kGeneral;
+  std::vector<unsigned char> line;  // brightness by column or by row
+  Rect rest;                        // kGeneral: everything
+};
+SplitPicture split_picture(estimation::ImageView<const unsigned char> brightness);
+
+using Progress = std::function<void(double done_frac)>;
+
+// Immutable after build or load, so thread-safe. Refers to the samples and the light it was built
+// with; both must outlive it.
+class Transport {
+ public:
+  // Runs in the caller's TBB arena; the same bytes for any number of threads. `progress` is called
+  // from one thread at a time.
+  static Transport build(const std::vector<SeenSample>& samples, const ProjectorLight& light,
+                         const Progress& progress);
+  void save(std::ostream& out) const;
+  // False on a short stream or one made for another number of samples.
+  bool load(std::istream& in, const std::vector<SeenSample>& samples, const ProjectorLight& light);
+
+  // Adds each sample's reflectance factor (irradiance not normalised) under a picture to
+  // `linear[sample]`. Runs in the caller's arena.
+  void add_light(estimation::ImageView<const unsigned char> brightness,
+                 std::vector<float>& linear) const;
+
+ private:
+  struct Window {
+    std::int64_t offset = 0;  // into responses_
+    std::int32_t begin = 0;   // first column (row)
+    std::int32_t count = 0;
+    float scale = 0;  // response per full brightness = scale * stored
+    std::int32_t unused = 0;
+  };
+  struct Entry {
+    std::array<Window, 2> windows;  // columns, rows
+    SplitPicture::Rect reach;       // projector pixels within the kernel's radius
+    std::int32_t is_fine = 0;       // summed on the finer lattice
+    std::int32_t unused = 0;
+  };
+  struct Worker;
+
+  void add_line(std::size_t axis, const std::vector<unsigned char>& line,
+                std::vector<float>& linear) const;
+  void add_rest(estimation::ImageView<const unsigned char> brightness, const SplitPicture& split,
+                std::vector<float>& linear) const;
+
+  const std::vector<SeenSample>* samples_ = nullptr;
+  const ProjectorLight* light_ = nullptr;
+  std::vector<Entry> entries_;  // one a sample
+  std::vector<std::uint16_t> responses_;
+};
+
+}  // namespace hw_sim
