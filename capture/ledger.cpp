@@ -1,0 +1,329 @@
+#include "capture/ledger.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "estimation/base/check.h"
+
+namespace capture {
+namespace {
+
+using estimation::check;
+using std::chrono::duration_cast;
+using std::chrono::microseconds;
+using std::chrono::nanoseconds;
+
+// The pulse's start is known to the trigger box's clock map, the frame's to the camera's: both good
+// to some ten microseconds on an idle host.
+constexpr nanoseconds kPulseTimeUncertainty{100'000};
+
+std::string in_us(nanoseconds time) {
+  return std::to_string(duration_cast<microseconds>(time).count()) + " us";
+}
+
+// Cameras round exposures to line times (10 to 30 us); brackets differ by far more than 2%.
+bool is_same_exposure(microseconds a, microseconds b) {
+  return std::chrono::abs(a - b) <= microseconds(30) + b / 50;
+}
+
+}  // namespace
+
+Ledger::Ledger(LedgerRules rules, int pattern_count) : rules_(std::move(rules)) {
+  check(!rules_.exposures.empty(), "a ledger needs at least one exposure");
+  for (int pattern = 0; pattern < pattern_count; ++pattern)
+    for (int bracket = 0; bracket < static_cast<int>(rules_.exposures.size()); ++bracket)
+      slots_.push_back({{pattern, bracket}, {}, {}});
+}
+
+void Ledger::start_run() {
+  showings_.clear();
+  pulses_.clear();
+  held_.clear();
+  camera_clock_ = {};
+  last_edge_number_ = 0;
+  is_primed_ = false;
+}
+
+void Ledger::open_showing(int pattern, std::uint64_t show_id, bool is_light,
+                          rig::HostTime requested) {
+  // A priming that failed may have taught a wrong offset; the next one starts afresh.
+  if (pattern == kPrimePattern) camera_clock_ = {};
+  Showing showing;
+  showing.pattern = pattern;
+  showing.show_id = show_id;
+  showing.is_light = is_light;
+  showing.requested = requested;
+  showings_.push_back(showing);
+}
+
+Finding Ledger::about_showing(Incident incident, std::string detail) const {
+  return {incident, showing_pattern(), kNoBracket, std::move(detail)};
+}
+
+Findings Ledger::picture_shown(const rig::PictureShown& shown) {
+  for (Showing& showing : showings_)
+    if (showing.show_id == shown.show_id) showing.swapped = shown.swapped;
+  return check_flip();
+}
+
+Findings Ledger::edge_seen(const rig::EdgeSeen& edge) {
+  if (showings_.empty() || showings_.back().edge)
+    return {about_showing(Incident::kEdgeOutOfOrder,
+                          "edge " + std::to_string(edge.edge_number) + " when none was due")};
+  if (edge.edge_number != last_edge_number_ + 1)
+    return {about_showing(Incident::kEdgeOutOfOrder, "edge " + std::to_string(edge.edge_number) +
+                                                         " after edge " +
+                                                         std::to_string(last_edge_number_))};
+  last_edge_number_ = edge.edge_number;
+  Showing& showing = showings_.back();
+  if (edge.is_light != showing.is_light)
+    return {about_showing(Incident::kEdgeWrongLevel,
+                          std::string("the photodiode turned ") +
+                              (edge.is_light ? "light" : "dark") + " under a " +
+                              (showing.is_light ? "light" : "dark") + " square")};
+  showing.edge = edge;
+  return check_flip();
+}
+
+// Both are known for the last showing: was it our flip that the photodiode saw?
+Findings Ledger::check_flip() {
+  if (showings_.empty()) return {};
+  const Showing& showing = showings_.back();
+  if (showing.is_spoiled || !showing.swapped || !showing.edge) return {};
+  // A swap is reported up to a refresh after the vertical blank at which it happened.
+  if (showing.edge->time >= *showing.swapped - rules_.refresh_interval) return {};
+  return {about_showing(Incident::kEdgeBeforeFlip,
+                        "the edge came " + in_us(*showing.swapped - showing.edge->time) +
+                            " before the picture was swapped in")};
+}
+
+Findings Ledger::edge_ignored(const rig::EdgeIgnored& edge) {
+  if (showings_.empty()) return {};
+  const Showing& showing = showings_.back();
+  if (!showing.edge || edge.time - showing.edge->time <= rules_.debounce) return {};
+  return {about_showing(
+      Incident::kEdgeDuringExposure,
+      "the light changed " + in_us(edge.time - showing.edge->time) + " after the edge")};
+}
+
+Findings Ledger::pulse_ended(const rig::PulseEnded& pulse, rig::HostTime now) {
+  const bool is_due = !showings_.empty() && showings_.back().edge && !is_showing_over();
+  const bool is_next = is_due && pulse.pulse_number == pulses_.size() + 1 &&
+                       pulse.edge_number == showings_.back().edge->edge_number &&
+                       pulse.pulse_index == showings_.back().ended_pulse_count;
+  if (!is_next)
+    return {about_showing(Incident::kPulseOutOfOrder,
+                          "pulse " + std::to_string(pulse.pulse_number) + " of edge " +
+                              std::to_string(pulse.edge_number) + " was not the next one due")};
+  pulses_.push_back({showings_.size() - 1, pulse.pulse_index, pulse.started, pulse.ended,
+                     now + rules_.frame_deadline, Wait::kAwaited});
+  ++showings_.back().ended_pulse_count;
+  return {};
+}
+
+Findings Ledger::frame_damaged(const rig::FrameDamaged& damaged) {
+  // A damaged block has no chunks to prove whose it is. Its id is only a reason to stop waiting: a
+  // good frame of that pulse, should one come, is then late and not used.
+  if (damaged.block_id == 0 || damaged.block_id > pulses_.size()) return {};
+  Pulse& pulse = pulses_[damaged.block_id - 1];
+  if (pulse.wait != Wait::kAwaited) return {};
+  pulse.wait = Wait::kGivenUp;
+  const Showing& showing = showings_[pulse.showing];
+  if (showing.is_spoiled) return {};
+  return {{Incident::kFrameDamaged, showing.pattern, pulse.bracket, damaged.error.detail}};
+}
+
+void Ledger::frame_seen(const FrameFacts& facts, rig::HostTime now) {
+  held_.push_back({facts, now + rules_.frame_deadline});
+}
+
+bool Ledger::is_over(const Showing& showing) const {
+  return showing.ended_pulse_count == static_cast<int>(rules_.exposures.size());
+}
+
+bool Ledger::is_decidable(const FrameFacts& facts) const {
+  const std::uint64_t number = facts.pulse_number();
+  if (number == 0 || facts.block_id > number) return true;  // impossible numbers
+  if (number > pulses_.size()) return false;  // the box may tell later than the camera
+  const Showing& showing = showings_[pulses_[number - 1].showing];
+  return showing.is_spoiled || (is_over(showing) && showing.swapped);
+}
+
+std::vector<Verdict> Ledger::judge(Findings& findings) {
+  std::vector<Verdict> verdicts;
+  std::vector<Held> still_held;
+  for (const Held& held : held_) {
+    if (is_decidable(held.facts))
+      verdicts.push_back(decide(held.facts, findings));
+    else
+      still_held.push_back(held);
+  }
+  held_ = std::move(still_held);
+  return verdicts;
+}
+
+// Does the frame say something else than the pulse whose number it bears?
+std::optional<Finding> Ledger::contradiction(const FrameFacts& facts, const Pulse& pulse) const {
+  const int pattern = showings_[pulse.showing].pattern;
+  if (facts.received < pulse.started)
+    return Finding{Incident::kFrameMistimed, pattern, pulse.bracket,
+                   "the frame was there before its pulse"};
+  if (camera_clock_.is_ready()) {
+    const nanoseconds error = camera_clock_.to_host(facts.timestamp) - pulse.started;
+    if (std::chrono::abs(error) >= rules_.time_tolerance())
+      return Finding{Incident::kFrameMistimed, pattern, pulse.bracket,
+                     "its timestamp is " + in_us(error) + " from its pulse"};
+  }
+  const microseconds expected = rules_.exposures[static_cast<std::size_t>(pulse.bracket)];
+  if (facts.exposure && !is_same_exposure(*facts.exposure, expected))
+    return Finding{Incident::kFrameMisexposed, pattern, pulse.bracket,
+                   "exposed for " + in_us(*facts.exposure) + " instead of " + in_us(expected)};
+  return std::nullopt;
+}
+
+Verdict Ledger::decide(const FrameFacts& facts, Findings& findings) {
+  Verdict verdict{facts.ticket, std::nullopt, {}};
+  const std::uint64_t number = facts.pulse_number();
+  if (number == 0 || facts.block_id > number) {
+    findings.push_back(about_showing(
+        Incident::kFrameUnexpected,
+        "block " + std::to_string(facts.block_id) + " claims pulse " + std::to_string(number)));
+    return verdict;
+  }
+  Pulse& pulse = pulses_[number - 1];
+  Showing& showing = showings_[pulse.showing];
+  if (showing.is_spoiled) {
+    pulse.wait = Wait::kArrived;
+    return verdict;
+  }
+  if (const auto finding = contradiction(facts, pulse)) {
+    if (pulse.wait == Wait::kAwaited) pulse.wait = Wait::kGivenUp;
+    findings.push_back(*finding);
+    return verdict;
+  }
+  if (pulse.wait != Wait::kAwaited) {
+    findings.push_back(
+        {pulse.wait == Wait::kArrived ? Incident::kFrameDuplicate : Incident::kFrameLate,
+         showing.pattern, pulse.bracket, "block " + std::to_string(facts.block_id)});
+    return verdict;
+  }
+  pulse.wait = Wait::kArrived;
+  camera_clock_.add(facts.timestamp, pulse.started, kPulseTimeUncertainty);
+  ++showing.agreed_frame_count;
+  if (showing.pattern == kPrimePattern) {
+    if (showing.agreed_frame_count == static_cast<int>(rules_.exposures.size())) is_primed_ = true;
+    return verdict;
+  }
+  Slot& target = slot({showing.pattern, pulse.bracket});
+  if (target.evidence) return verdict;  // the retake was for another bracket of this pattern
+  target.evidence = evidence_of(facts, pulse);
+  ++filled_count_;
+  verdict.slot = target.id;
+  verdict.evidence = *target.evidence;
+  return verdict;
+}
+
+Evidence Ledger::evidence_of(const FrameFacts& facts, const Pulse& pulse) const {
+  const Showing& showing = showings_[pulse.showing];
+  Evidence evidence;
+  evidence.show_id = showing.show_id;
+  evidence.swapped = *showing.swapped;
+  evidence.edge_number = showing.edge->edge_number;
+  evidence.is_light = showing.edge->is_light;
+  evidence.edge = showing.edge->time;
+  evidence.pulse_number = static_cast<std::uint32_t>(facts.pulse_number());
+  evidence.pulse_started = pulse.started;
+  evidence.pulse_ended = pulse.ended;
+  evidence.block_id = facts.block_id;
+  evidence.camera_timestamp = facts.timestamp;
+  evidence.exposure = facts.exposure;
+  return evidence;
+}
+
+Findings Ledger::expire(rig::HostTime now) {
+  Findings findings;
+  for (Pulse& pulse : pulses_) {
+    if (pulse.wait != Wait::kAwaited || now < pulse.frame_due) continue;
+    Showing& showing = showings_[pulse.showing];
+    if (!is_over(showing) && !showing.is_spoiled) continue;  // the pulses' own deadline rules
+    pulse.wait = Wait::kGivenUp;
+    if (showing.is_spoiled) continue;
+    if (!showing.swapped) {
+      showing.is_spoiled = true;
+      findings.push_back({Incident::kPictureNotShown, showing.pattern, pulse.bracket,
+                          "the swap was never reported"});
+    } else {
+      findings.push_back(
+          {Incident::kFrameMissing, showing.pattern, pulse.bracket,
+           "none within " + std::to_string(rules_.frame_deadline.count()) + " ms of its pulse"});
+    }
+  }
+  for (const Held& held : held_) {
+    if (now < held.due || held.facts.pulse_number() <= pulses_.size()) continue;
+    findings.push_back(about_showing(
+        Incident::kFrameUnexpected,
+        "the trigger box never told of pulse " + std::to_string(held.facts.pulse_number())));
+  }
+  return findings;
+}
+
+std::optional<rig::HostTime> Ledger::next_due() const {
+  std::optional<rig::HostTime> due;
+  const auto consider = [&due](rig::HostTime time) {
+    if (!due || time < *due) due = time;
+  };
+  for (const Pulse& pulse : pulses_) {
+    const Showing& showing = showings_[pulse.showing];
+    if (pulse.wait == Wait::kAwaited && (is_over(showing) || showing.is_spoiled))
+      consider(pulse.frame_due);
+  }
+  for (const Held& held : held_)
+    if (held.facts.pulse_number() > pulses_.size()) consider(held.due);
+  return due;
+}
+
+int Ledger::showing_pattern() const {
+  return showings_.empty() ? kPrimePattern : showings_.back().pattern;
+}
+bool Ledger::has_swap() const { return !showings_.empty() && showings_.back().swapped; }
+bool Ledger::has_edge() const { return !showings_.empty() && showings_.back().edge; }
+bool Ledger::is_showing_over() const { return !showings_.empty() && is_over(showings_.back()); }
+
+void Ledger::spoil_showing() {
+  if (!showings_.empty()) showings_.back().is_spoiled = true;
+}
+
+int Ledger::awaited_count() const {
+  return static_cast<int>(std::count_if(pulses_.begin(), pulses_.end(), [](const Pulse& pulse) {
+    return pulse.wait == Wait::kAwaited;
+  }));
+}
+
+int Ledger::awaited_before_last_count() const {
+  return static_cast<int>(std::count_if(pulses_.begin(), pulses_.end(), [this](const Pulse& pulse) {
+    return pulse.wait == Wait::kAwaited && pulse.showing + 1 < showings_.size();
+  }));
+}
+
+Slot& Ledger::slot(SlotId id) {
+  const auto index = static_cast<std::size_t>(id.pattern) * rules_.exposures.size() +
+                     static_cast<std::size_t>(id.bracket);
+  check(index < slots_.size(), "slot outside the plan");
+  return slots_[index];
+}
+
+bool Ledger::is_filled(int pattern) const {
+  return std::all_of(slots_.begin(), slots_.end(), [pattern](const Slot& slot) {
+    return slot.id.pattern != pattern || slot.evidence.has_value();
+  });
+}
+
+void Ledger::note(const Finding& finding) {
+  for (Slot& slot : slots_) {
+    const bool is_concerned = slot.id.pattern == finding.pattern &&
+                              (finding.bracket == kNoBracket || slot.id.bracket == finding.bracket);
+    if (is_concerned && !slot.evidence) slot.last_incident = finding.incident;
+  }
+}
+
+}  // namespace capture

@@ -1,0 +1,182 @@
+// The ledger: what has been proved about every frame of a plan. A slot is filled only when all its
+// evidence agrees; a frame is never assigned by the order in which it arrived.
+//
+// One pattern's evidence, in the order of its making:
+//   show ─► PictureShown(show id, swap time) ─► EdgeSeen(level, time) ─► PulseEnded x brackets
+//        ─► frame: its number (trigger count chunk, else block id) names a pulse; its timestamp,
+//           through a clock map learnt in this run, must be that pulse's start; its exposure chunk
+//           must be that bracket's.
+// Plain data and decisions; no device, no clock of its own. Copyable.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "capture/plan.h"
+#include "capture/reaction.h"
+#include "rig/camera.h"
+#include "rig/clock.h"
+#include "rig/event.h"
+
+namespace capture {
+
+// Stands for a pattern where the showing is one of ours: black, to wake the camera and to learn its
+// clock; its frames fill no slot.
+inline constexpr int kPrimePattern = -1;
+inline constexpr int kNoBracket = -1;
+
+struct LedgerRules {
+  std::vector<std::chrono::microseconds> exposures;  // [bracket], shortest first
+  std::chrono::microseconds gap{5000};               // between pulses, as the trigger box is set
+  std::chrono::microseconds debounce{2000};          // edges so soon after another are bounces
+  std::chrono::nanoseconds refresh_interval{16'666'667};
+  std::chrono::milliseconds frame_deadline{1000};  // from hearing of a pulse's end to its frame
+
+  // Between a frame's timestamp and its pulse: less than half the way to the next pulse, so that
+  // no frame can pass for its neighbour.
+  std::chrono::nanoseconds time_tolerance() const { return (exposures.front() + gap) / 2; }
+};
+
+// What the ledger must know of a frame; the pixels stay with the runner, under `ticket`.
+struct FrameFacts {
+  std::uint64_t ticket = 0;
+  std::uint64_t block_id = 0;
+  rig::CameraClock::time_point timestamp;
+  rig::HostTime received;
+  std::optional<std::chrono::microseconds> exposure;
+  std::optional<std::uint64_t> trigger_count;
+
+  // The pulse since arming that it claims to be of. Without the counter chunk the block id must do:
+  // then a trigger that the camera missed shows in the timestamp.
+  std::uint64_t pulse_number() const { return trigger_count.value_or(block_id); }
+};
+
+struct Evidence {
+  std::uint64_t show_id = 0;
+  rig::HostTime swapped;
+  std::uint32_t edge_number = 0;
+  bool is_light = false;
+  rig::HostTime edge;
+  std::uint32_t pulse_number = 0;
+  rig::HostTime pulse_started, pulse_ended;
+  std::uint64_t block_id = 0;
+  rig::CameraClock::time_point camera_timestamp;
+  std::optional<std::chrono::microseconds> exposure;  // as the camera says
+};
+
+struct Slot {
+  SlotId id;
+  std::optional<Evidence> evidence;       // filled
+  std::optional<Incident> last_incident;  // what went wrong with it last
+};
+
+// Something wrong, and where: the pattern whose showing it concerns.
+struct Finding {
+  Incident incident = Incident::kFrameMissing;
+  int pattern = kPrimePattern;
+  int bracket = kNoBracket;
+  std::string detail;  // one clause with the numbers
+};
+using Findings = std::vector<Finding>;
+
+// What becomes of a frame: it fills `slot`, or it is given back.
+struct Verdict {
+  std::uint64_t ticket = 0;
+  std::optional<SlotId> slot;
+  Evidence evidence;
+};
+
+class Ledger {
+ public:
+  Ledger(LedgerRules rules, int pattern_count);
+
+  // Devices were armed anew: numbers start at 1, the camera's clock is unknown. Slots stay filled;
+  // frames held are forgotten (the runner lets go of theirs when it disarms).
+  void start_run();
+
+  // `pattern` has been asked for under `show_id`; its edge, pulses and frames are awaited.
+  void open_showing(int pattern, std::uint64_t show_id, bool is_light, rig::HostTime requested);
+
+  [[nodiscard]] Findings picture_shown(const rig::PictureShown& shown);
+  [[nodiscard]] Findings edge_seen(const rig::EdgeSeen& edge);
+  [[nodiscard]] Findings edge_ignored(const rig::EdgeIgnored& edge);
+  [[nodiscard]] Findings pulse_ended(const rig::PulseEnded& pulse, rig::HostTime now);
+  [[nodiscard]] Findings frame_damaged(const rig::FrameDamaged& damaged);
+  void frame_seen(const FrameFacts& facts, rig::HostTime now);
+
+  // Decides about the frames that can be decided about: those whose showing is over.
+  std::vector<Verdict> judge(Findings& findings);
+
+  // Frames overdue at `now`, and frames whose pulse never became known.
+  [[nodiscard]] Findings expire(rig::HostTime now);
+  std::optional<rig::HostTime> next_due() const;
+
+  // The showing under way, or the last one.
+  int showing_pattern() const;
+  bool has_swap() const;
+  bool has_edge() const;
+  bool is_showing_over() const;  // all its pulses have ended
+  // Gives up on the showing under way: none of its frames will count.
+  void spoil_showing();
+
+  // Frames still awaited, of all showings or of those before the last.
+  int awaited_count() const;
+  int awaited_before_last_count() const;
+  // All frames of a priming came, each with its number: the camera counts as the box does.
+  bool is_primed() const { return is_primed_; }
+
+  bool is_filled(int pattern) const;
+  int filled_count() const { return filled_count_; }
+  bool is_complete() const { return filled_count_ == static_cast<int>(slots_.size()); }
+  const std::vector<Slot>& slots() const { return slots_; }  // pattern by pattern
+  void note(const Finding& finding);  // remembers the cause at the open slots it concerns
+
+ private:
+  struct Showing {
+    int pattern = kPrimePattern;
+    std::uint64_t show_id = 0;
+    bool is_light = false;
+    rig::HostTime requested;
+    std::optional<rig::HostTime> swapped;
+    std::optional<rig::EdgeSeen> edge;
+    int ended_pulse_count = 0;
+    int agreed_frame_count = 0;
+    bool is_spoiled = false;
+  };
+  enum class Wait { kAwaited, kArrived, kGivenUp };
+  struct Pulse {
+    std::size_t showing = 0;
+    int bracket = 0;
+    rig::HostTime started, ended, frame_due;
+    Wait wait = Wait::kAwaited;
+  };
+  struct Held {
+    FrameFacts facts;
+    rig::HostTime due;  // by when its pulse must be known
+  };
+
+  bool is_over(const Showing& showing) const;
+  bool is_decidable(const FrameFacts& facts) const;
+  Verdict decide(const FrameFacts& facts, Findings& findings);
+  std::optional<Finding> contradiction(const FrameFacts& facts, const Pulse& pulse) const;
+  Findings check_flip();
+  Slot& slot(SlotId id);
+  Evidence evidence_of(const FrameFacts& facts, const Pulse& pulse) const;
+  Finding about_showing(Incident incident, std::string detail) const;
+
+  LedgerRules rules_;
+  std::vector<Slot> slots_;
+  int filled_count_ = 0;
+  // This run's.
+  std::vector<Showing> showings_;
+  std::vector<Pulse> pulses_;  // [pulse number - 1]
+  std::vector<Held> held_;
+  rig::ClockMap<rig::CameraClock> camera_clock_;
+  std::uint32_t last_edge_number_ = 0;
+  bool is_primed_ = false;
+};
+
+}  // namespace capture

@@ -1,0 +1,158 @@
+#include "capture/runner.h"
+
+#include <algorithm>
+#include <chrono>
+#include <deque>
+#include <map>
+#include <memory>
+#include <numeric>
+#include <utility>
+
+namespace capture {
+namespace {
+
+// How often a failure of the consumer is looked for when nothing else happens.
+constexpr std::chrono::milliseconds kConsumerCheckPeriod{100};
+
+class Runner {
+ public:
+  Runner(Devices devices, const Plan& plan, const SequenceRules& rules, FrameConsumer& consumer,
+         const OnTransition& on_transition)
+      : devices_(devices),
+        plan_(plan),
+        consumer_(consumer),
+        on_transition_(on_transition),
+        sequence_(rules, plan.order),
+        state_(sequence_.initial()) {}
+
+  RunResult run(const std::stop_token& stop) {
+    feed(Start{});
+    while (!std::holds_alternative<Ended>(state_.phase)) {
+      if (stop.stop_requested() && !is_abort_told_) {
+        is_abort_told_ = true;
+        feed(AbortRequested{});
+      } else if (const auto failure = consumer_.failure(); failure && !is_failure_told_) {
+        is_failure_told_ = true;
+        feed(StorageFailed{*failure});
+      } else {
+        wait_and_feed(is_abort_told_ ? std::stop_token() : stop);
+      }
+    }
+    return {state_.outcome, state_.failure, state_.ledger.slots(), retake_count(state_),
+            state_.restart_count};
+  }
+
+ private:
+  void wait_and_feed(const std::stop_token& stop) {
+    const rig::HostTime check_time = devices_.events.now() + kConsumerCheckPeriod;
+    const rig::HostTime deadline = Sequence::deadline(state_).value_or(check_time);
+    auto event = devices_.events.wait(std::min(deadline, check_time), stop);
+    if (event)
+      std::visit([this](auto& e) { feed(translate(std::move(e))); }, *event);
+    else
+      feed(TimePassed{});
+  }
+
+  template <typename DeviceEvent>
+  SequenceEvent translate(DeviceEvent event) {
+    return event;
+  }
+  // The pixels stay here until the ledger has decided whose they are.
+  SequenceEvent translate(rig::FrameArrived arrived) {
+    const rig::Frame& frame = arrived.frame;
+    const FrameFacts facts{next_ticket_++, frame.block_id, frame.timestamp,
+                           frame.received, frame.exposure, frame.trigger_count};
+    frames_.emplace(facts.ticket, std::move(arrived.frame));
+    return FrameSeen{facts};
+  }
+
+  void feed(SequenceEvent event) {
+    pending_.push_back(std::move(event));
+    while (!pending_.empty()) {
+      const SequenceEvent next = std::move(pending_.front());
+      pending_.pop_front();
+      const std::string_view from = name_of(state_.phase);
+      const rig::HostTime now = devices_.events.now();
+      Step step = sequence_.next(std::move(state_), next, now);
+      state_ = std::move(step.state);
+      on_transition_({now, next, from, state_, step.reacted});
+      for (const Action& action : step.actions)
+        std::visit([this](const auto& a) { act(a); }, action);
+    }
+  }
+
+  void act(const Show& show) {
+    if (const auto shown = devices_.projector.show(show.request); !shown)
+      pending_.push_back(CommandRefused{rig::Device::kProjector, shown.error()});
+  }
+  void act(const Arm& arm) {
+    if (const auto armed = devices_.camera.arm(plan_.exposures, arm.frame_count); !armed)
+      pending_.push_back(CommandRefused{rig::Device::kCamera, armed.error()});
+    else if (const auto fires = devices_.trigger.arm(plan_.exposures, arm.run_id); !fires)
+      pending_.push_back(CommandRefused{rig::Device::kTrigger, fires.error()});
+    else
+      pending_.push_back(Armed{});
+  }
+  void act(const Disarm&) {
+    devices_.trigger.disarm();
+    devices_.camera.disarm();
+    frames_.clear();
+  }
+  void act(const KeepFrame& keep) {
+    const auto found = frames_.find(keep.ticket);
+    const auto bracket = static_cast<std::size_t>(keep.slot.bracket);
+    consumer_.consume({keep.slot, plan_.exposures[bracket], keep.evidence,
+                       std::make_shared<const rig::Frame>(std::move(found->second))});
+    frames_.erase(found);
+  }
+  void act(const DropFrame& drop) { frames_.erase(drop.ticket); }
+
+  Devices devices_;
+  const Plan& plan_;
+  FrameConsumer& consumer_;
+  const OnTransition& on_transition_;
+  const Sequence sequence_;
+  SequenceState state_;
+  std::deque<SequenceEvent> pending_;           // answers to actions, next first
+  std::map<std::uint64_t, rig::Frame> frames_;  // by ticket, not yet decided about
+  std::uint64_t next_ticket_ = 1;
+  bool is_abort_told_ = false;
+  bool is_failure_told_ = false;
+};
+
+}  // namespace
+
+int retake_count(const SequenceState& state) {
+  return std::accumulate(state.retake_counts.begin(), state.retake_counts.end(), 0);
+}
+
+SequenceRules make_rules(const rig::RigFile& rig_file, double refresh_hz) {
+  SequenceRules rules;
+  rules.ledger.exposures = rig_file.sequence.exposures;
+  rules.ledger.gap = rig_file.trigger.gap;
+  rules.ledger.debounce = rig_file.trigger.debounce;
+  rules.ledger.frame_deadline = rig_file.sequence.frame_deadline;
+  if (refresh_hz > 0)
+    rules.ledger.refresh_interval =
+        std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 / refresh_hz));
+  rules.bracketing = rig_file.camera.bracketing;
+  rules.edge_deadline = rig_file.sequence.edge_deadline;
+  rules.retake_limit = rig_file.sequence.retake_limit;
+  return rules;
+}
+
+RunResult run_capture(Devices devices, const Plan& plan, const rig::ProjectorSettings& projector,
+                      const SequenceRules& rules, FrameConsumer& consumer,
+                      const std::stop_token& stop, const OnTransition& on_transition) {
+  if (const auto loaded = devices.projector.load(render_pictures(plan, projector)); !loaded) {
+    RunResult refused;
+    refused.failure = Failure{incident_of(loaded.error().fault),
+                              rig::Device::kProjector,
+                              {},
+                              "projector: " + loaded.error().detail};
+    return refused;
+  }
+  return Runner(devices, plan, rules, consumer, on_transition).run(stop);
+}
+
+}  // namespace capture

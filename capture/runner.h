@@ -1,0 +1,57 @@
+// Does what the sequence decides: the only place where a capture touches devices.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <stop_token>
+#include <vector>
+
+#include "capture/captured_frame.h"
+#include "capture/plan.h"
+#include "capture/sequence.h"
+#include "rig/camera.h"
+#include "rig/event.h"
+#include "rig/projector.h"
+#include "rig/rig_file.h"
+#include "rig/trigger.h"
+
+namespace capture {
+
+// Borrowed for the length of a capture; all of them post to `events`.
+struct Devices {
+  rig::Projector& projector;
+  rig::Trigger& trigger;
+  rig::Camera& camera;
+  rig::EventSource& events;
+};
+
+// One call of Sequence::next(), for the journal and the progress.
+struct Transition {
+  rig::HostTime time;
+  const SequenceEvent& event;
+  std::string_view from;       // phase before
+  const SequenceState& state;  // after
+  const std::vector<Reacted>& reacted;
+};
+using OnTransition = std::function<void(const Transition&)>;
+
+struct RunResult {
+  Outcome outcome = Outcome::kFailed;
+  std::optional<Failure> failure;  // when failed
+  std::vector<Slot> slots;         // pattern by pattern
+  int retake_count = 0;
+  int restart_count = 0;
+};
+
+int retake_count(const SequenceState& state);
+
+// The rules that a rig file implies; `refresh_hz` as the projector measured it.
+SequenceRules make_rules(const rig::RigFile& rig_file, double refresh_hz);
+
+// Runs a plan on the calling thread, which becomes the session thread. Returns with the devices
+// disarmed and the projector black (or lost), whatever happened. `stop` aborts.
+RunResult run_capture(Devices devices, const Plan& plan, const rig::ProjectorSettings& projector,
+                      const SequenceRules& rules, FrameConsumer& consumer,
+                      const std::stop_token& stop, const OnTransition& on_transition);
+
+}  // namespace capture

@@ -1,0 +1,400 @@
+#include "capture/sequence.h"
+
+#include <algorithm>
+#include <numeric>
+#include <utility>
+
+#include "estimation/base/check.h"
+
+namespace capture {
+namespace {
+
+using std::chrono::milliseconds;
+
+// Arming talks to two devices and reads every setting back: a dead camera takes 2.5 s to say so.
+constexpr milliseconds kArmDeadline{10'000};
+constexpr milliseconds kBlackDeadline{500};
+
+template <typename... Handlers>
+struct Overloaded : Handlers... {
+  using Handlers::operator()...;
+};
+template <typename... Handlers>
+Overloaded(Handlers...) -> Overloaded<Handlers...>;
+
+bool is_running(const Phase& phase) {
+  return std::holds_alternative<Showing>(phase) || std::holds_alternative<Exposing>(phase) ||
+         std::holds_alternative<Collecting>(phase);
+}
+
+bool is_over(const Phase& phase) {
+  return std::holds_alternative<Blackening>(phase) || std::holds_alternative<Ended>(phase);
+}
+
+std::string name_of_pattern(int pattern) {
+  return pattern == kPrimePattern ? "the priming" : "pattern " + std::to_string(pattern);
+}
+
+// What a person can do about an incident that retakes did not cure.
+std::string_view remedy(Incident incident) {
+  switch (incident) {
+    case Incident::kPictureNotShown:
+      return "see that the monitor is on and its refresh is not blocked";
+    case Incident::kEdgeMissing:
+      return "see that the photodiode sits on the sync square and its thresholds fit";
+    case Incident::kEdgeWrongLevel:
+    case Incident::kEdgeBeforeFlip:
+    case Incident::kEdgeDuringExposure:
+    case Incident::kEdgeOutOfOrder:
+      return "shade the photodiode from other light, or lengthen trigger.debounce";
+    case Incident::kPulseMissing:
+    case Incident::kPulseOutOfOrder:
+    case Incident::kTriggerDataLost:
+      return "plug the trigger box straight into the host";
+    case Incident::kFrameMissing:
+    case Incident::kFrameUnexpected:
+    case Incident::kFrameMistimed:
+      return "see that the trigger cable is sound and the gap exceeds the camera's readout";
+    case Incident::kFrameDamaged:
+    case Incident::kFrameDuplicate:
+    case Incident::kFrameLate:
+      return "see to the camera's network: own interface, jumbo frames, larger socket buffers";
+    case Incident::kFrameMisexposed:
+      return "the camera's sequencer lost step: see the trigger cable, or use trigger_width";
+    case Incident::kDeviceRefused:
+    case Incident::kDeviceLost:
+    case Incident::kStorage:
+      break;
+  }
+  return "put the cause right and start again";
+}
+
+// One call of next(): the step in the making.
+class Turn {
+ public:
+  Turn(const SequenceRules& rules, const std::vector<int>& order, SequenceState state,
+       rig::HostTime now)
+      : rules_(rules), order_(order), now_(now), step_{std::move(state), {}, {}} {}
+
+  Step run(const SequenceEvent& event) && {
+    std::visit([this](const auto& e) { take(e); }, event);
+    judge_frames();
+    look_at_deadlines();
+    proceed();
+    return std::move(step_);
+  }
+
+ private:
+  SequenceState& state() { return step_.state; }
+  Ledger& ledger() { return step_.state.ledger; }
+
+  // Taking in what happened.
+  void take(const Start&) {
+    if (std::holds_alternative<Idle>(state().phase)) darken();
+  }
+  void take(const TimePassed&) {}
+  void take(const AbortRequested&) {
+    if (!is_over(state().phase)) end(Outcome::kAborted);
+  }
+  void take(const Armed&) {
+    if (!std::holds_alternative<Arming>(state().phase)) return;
+    ledger().start_run();
+    state().phase = Collecting{};  // nothing is awaited yet: proceed() shows the priming
+  }
+  void take(const CommandRefused& refused) { take_device_error(refused.device, refused.error); }
+  void take(const rig::DeviceFault& fault) {
+    // Between runs only a lost device matters: the rest is of a run that is given up.
+    if (is_running(state().phase) ||
+        reaction_to(incident_of(fault.error.fault), rules_.bracketing) == Reaction::kFail)
+      take_device_error(fault.device, fault.error);
+  }
+  void take(const StorageFailed& failed) {
+    fail({Incident::kStorage, ledger().showing_pattern(), kNoBracket, failed.text}, std::nullopt,
+         failed.text);
+  }
+  void take(const rig::PictureShown& shown) {
+    if (const auto* darkening = std::get_if<Darkening>(&state().phase)) {
+      if (darkening->show_id == shown.show_id) state().phase = Settling{now_ + rules_.settle_time};
+    } else if (const auto* blackening = std::get_if<Blackening>(&state().phase)) {
+      if (blackening->show_id == shown.show_id) state().phase = Ended{};
+    } else if (is_running(state().phase)) {
+      react(ledger().picture_shown(shown));
+    }
+  }
+  void take(const rig::EdgeSeen& edge) {
+    if (is_running(state().phase)) react(ledger().edge_seen(edge));
+  }
+  void take(const rig::EdgeIgnored& edge) {
+    if (is_running(state().phase)) react(ledger().edge_ignored(edge));
+  }
+  void take(const rig::PulseEnded& pulse) {
+    if (is_running(state().phase)) react(ledger().pulse_ended(pulse, now_));
+  }
+  void take(const FrameSeen& frame) {
+    if (is_running(state().phase))
+      ledger().frame_seen(frame.facts, now_);
+    else
+      step_.actions.push_back(DropFrame{frame.facts.ticket});
+  }
+  void take(const rig::FrameDamaged& damaged) {
+    if (is_running(state().phase)) react(ledger().frame_damaged(damaged));
+  }
+
+  void take_device_error(rig::Device device, const rig::Error& error) {
+    if (is_over(state().phase)) return;
+    const Finding finding{incident_of(error.fault), ledger().showing_pattern(), kNoBracket,
+                          error.detail};
+    if (reaction_to(finding.incident, rules_.bracketing) == Reaction::kFail)
+      fail(finding, device, std::string(to_string(device)) + ": " + error.detail);
+    else
+      react({finding});
+  }
+
+  void judge_frames() {
+    if (!is_running(state().phase)) return;
+    Findings findings;
+    for (const Verdict& verdict : ledger().judge(findings)) {
+      if (verdict.slot)
+        step_.actions.push_back(KeepFrame{verdict.ticket, *verdict.slot, verdict.evidence});
+      else
+        step_.actions.push_back(DropFrame{verdict.ticket});
+    }
+    react(findings);
+  }
+
+  void look_at_deadlines() {
+    if (is_running(state().phase)) react(ledger().expire(now_));
+    const std::optional<Finding> overdue = std::visit(
+        Overloaded{[this](const Darkening& darkening) {
+                     return overdue_by(darkening.deadline, Incident::kPictureNotShown, "black");
+                   },
+                   [this](const Arming& arming) {
+                     return overdue_by(arming.deadline, Incident::kDeviceLost,
+                                       "arming did not end in time");
+                   },
+                   [this](const Showing& showing) {
+                     if (ledger().has_edge()) return std::optional<Finding>();
+                     return ledger().has_swap()
+                                ? overdue_by(showing.deadline, Incident::kEdgeMissing,
+                                             "the picture was shown")
+                                : overdue_by(showing.deadline, Incident::kPictureNotShown,
+                                             "neither swap nor edge was reported");
+                   },
+                   [this](const Exposing& exposing) {
+                     if (ledger().is_showing_over()) return std::optional<Finding>();
+                     return overdue_by(exposing.deadline, Incident::kPulseMissing,
+                                       "the trigger box did not end its pulses");
+                   },
+                   [](const auto&) { return std::optional<Finding>(); }},
+        state().phase);
+    if (overdue) react({*overdue});
+    if (const auto* blackening = std::get_if<Blackening>(&state().phase))
+      if (now_ >= blackening->deadline) state().phase = Ended{};
+  }
+
+  std::optional<Finding> overdue_by(rig::HostTime deadline, Incident incident, std::string detail) {
+    if (now_ < deadline) return std::nullopt;
+    return Finding{incident, ledger().showing_pattern(), kNoBracket, std::move(detail)};
+  }
+
+  // Reacting, by the table of reaction.h.
+  void react(const Findings& findings) {
+    for (const Finding& finding : findings) {
+      if (is_over(state().phase)) return;
+      const Reaction reaction = reaction_to(finding.incident, rules_.bracketing);
+      ledger().note(finding);
+      switch (reaction) {
+        case Reaction::kIgnore:
+          step_.reacted.push_back({finding, reaction});
+          break;
+        case Reaction::kRetake:
+          if (finding.bracket == kNoBracket) ledger().spoil_showing();
+          if (count_retake(finding)) put_back(finding.pattern);
+          step_.reacted.push_back({finding, reaction});
+          break;
+        case Reaction::kRestart:
+          step_.reacted.push_back({finding, reaction});
+          if (count_retake(finding)) restart();
+          return;  // the other findings were of the run that has just ended
+        case Reaction::kFail:
+          fail(finding, std::nullopt, finding.detail);
+          break;
+      }
+    }
+  }
+
+  // False, and the capture fails, when the pattern has been retaken often enough.
+  bool count_retake(const Finding& finding) {
+    const bool is_queued = std::find(state().queue.begin(), state().queue.end(), finding.pattern) !=
+                           state().queue.end();
+    const bool is_restart = reaction_to(finding.incident, rules_.bracketing) == Reaction::kRestart;
+    if (is_queued && !is_restart) return true;  // another bracket of the same showing
+    int& count = state().retake_counts[static_cast<std::size_t>(finding.pattern + 1)];
+    if (count < rules_.retake_limit) {
+      ++count;
+      return true;
+    }
+    std::string text = name_of_pattern(finding.pattern);
+    if (finding.bracket != kNoBracket) text += " bracket " + std::to_string(finding.bracket);
+    text += ": " + std::string(to_string(finding.incident)) + " after " + std::to_string(count) +
+            (count == 1 ? " retake (" : " retakes (") + finding.detail + "); " +
+            std::string(remedy(finding.incident));
+    fail(finding, std::nullopt, text);
+    return false;
+  }
+
+  void put_back(int pattern) {
+    if (pattern == kPrimePattern) return;  // proceed() primes until it has succeeded
+    if (std::find(state().queue.begin(), state().queue.end(), pattern) == state().queue.end())
+      state().queue.push_front(pattern);
+  }
+
+  void restart() {
+    ++state().restart_count;
+    step_.actions.push_back(Disarm{});
+    darken();
+  }
+
+  void fail(const Finding& finding, std::optional<rig::Device> device, std::string text) {
+    if (is_over(state().phase)) return;
+    ledger().note(finding);
+    step_.reacted.push_back({finding, Reaction::kFail});
+    Failure failure{finding.incident, device, {}, std::move(text)};
+    for (const Slot& slot : ledger().slots())
+      if (!slot.evidence && slot.last_incident) failure.slots.push_back(slot.id);
+    state().failure = std::move(failure);
+    end(Outcome::kFailed);
+  }
+
+  // Going on.
+  void proceed() {
+    if (const auto* settling = std::get_if<Settling>(&state().phase)) {
+      if (now_ >= settling->deadline) arm();
+    } else if (std::holds_alternative<Showing>(state().phase)) {
+      if (ledger().has_edge()) expose();
+      if (ledger().is_showing_over()) show_next();
+    } else if (std::holds_alternative<Exposing>(state().phase)) {
+      if (ledger().is_showing_over()) show_next();
+    } else if (std::holds_alternative<Collecting>(state().phase)) {
+      show_next();
+    }
+  }
+
+  void show_next() {
+    state().phase = Collecting{};
+    while (!state().queue.empty() && ledger().is_filled(state().queue.front()))
+      state().queue.pop_front();  // its frame came after all, of an earlier showing
+    if (!ledger().is_primed()) {
+      if (ledger().awaited_count() == 0) show(kPrimePattern);
+    } else if (ledger().is_complete()) {
+      end(Outcome::kComplete);
+    } else if (!state().queue.empty()) {
+      if (ledger().awaited_before_last_count() == 0) {
+        const int pattern = state().queue.front();
+        state().queue.pop_front();
+        show(pattern);
+      }
+    } else {
+      estimation::check(ledger().awaited_count() > 0, "open slots, but nothing is awaited");
+    }
+  }
+
+  void darken() {
+    state().is_square_light = false;
+    state().phase = Darkening{ask_for(rig::kBlackPicture), now_ + rules_.edge_deadline};
+    state().queue.clear();
+    for (const int pattern : order_)
+      if (!ledger().is_filled(pattern)) state().queue.push_back(pattern);
+  }
+
+  void arm() {
+    const int bracket_count = static_cast<int>(rules_.ledger.exposures.size());
+    // The patterns, the priming, and as many retakes as one pattern may have.
+    const int showing_count = static_cast<int>(state().queue.size()) + 1 + rules_.retake_limit;
+    ++state().run_id;
+    state().phase = Arming{now_ + kArmDeadline};
+    step_.actions.push_back(Arm{state().run_id, showing_count * bracket_count});
+  }
+
+  void show(int pattern) {
+    state().is_square_light = !state().is_square_light;
+    const std::uint64_t show_id = ask_for(pattern == kPrimePattern ? rig::kBlackPicture : pattern);
+    ledger().open_showing(pattern, show_id, state().is_square_light, now_);
+    state().phase = Showing{now_ + rules_.edge_deadline};
+  }
+
+  void expose() {
+    const auto& exposures = rules_.ledger.exposures;
+    const auto train = std::accumulate(exposures.begin(), exposures.end(),
+                                       rules_.ledger.gap * static_cast<int>(exposures.size()));
+    state().phase = Exposing{now_ + train + rules_.edge_deadline};
+  }
+
+  void end(Outcome outcome) {
+    state().is_square_light = false;
+    state().outcome = outcome;
+    state().phase = Blackening{ask_for(rig::kBlackPicture), now_ + kBlackDeadline};
+    step_.actions.push_back(Disarm{});
+  }
+
+  std::uint64_t ask_for(int picture) {
+    const std::uint64_t show_id = state().next_show_id++;
+    step_.actions.push_back(Show{{show_id, picture, state().is_square_light}});
+    return show_id;
+  }
+
+  const SequenceRules& rules_;
+  const std::vector<int>& order_;
+  const rig::HostTime now_;
+  Step step_;
+};
+
+}  // namespace
+
+Sequence::Sequence(SequenceRules rules, std::vector<int> order)
+    : rules_(std::move(rules)), order_(std::move(order)) {}
+
+SequenceState Sequence::initial() const {
+  const int pattern_count = static_cast<int>(order_.size());
+  SequenceState state{
+      Idle{}, Ledger(rules_.ledger, pattern_count), {}, {}, 0, 0, 1, false, Outcome::kFailed, {}};
+  state.retake_counts.assign(static_cast<std::size_t>(pattern_count) + 1, 0);
+  return state;
+}
+
+Step Sequence::next(SequenceState state, const SequenceEvent& event, rig::HostTime now) const {
+  return Turn(rules_, order_, std::move(state), now).run(event);
+}
+
+std::optional<rig::HostTime> Sequence::deadline(const SequenceState& state) {
+  std::optional<rig::HostTime> due =
+      std::visit(Overloaded{[](const Idle&) { return std::optional<rig::HostTime>(); },
+                            [](const Ended&) { return std::optional<rig::HostTime>(); },
+                            [](const Collecting&) { return std::optional<rig::HostTime>(); },
+                            [](const auto& waiting) { return std::optional(waiting.deadline); }},
+                 state.phase);
+  if (is_running(state.phase)) {
+    const auto frame_due = state.ledger.next_due();
+    if (frame_due && (!due || *frame_due < *due)) due = frame_due;
+  }
+  return due;
+}
+
+std::string_view name_of(const Phase& phase) {
+  constexpr std::string_view kNames[] = {"idle",       "darkening",  "settling",
+                                         "arming",     "showing",    "exposing",
+                                         "collecting", "blackening", "ended"};
+  static_assert(std::size(kNames) == std::variant_size_v<Phase>);
+  return kNames[phase.index()];
+}
+
+std::string_view name_of(const SequenceEvent& event) {
+  constexpr std::string_view kNames[] = {
+      "start",          "time passed",   "abort requested", "armed",       "command refused",
+      "storage failed", "picture shown", "edge seen",       "pulse ended", "edge ignored",
+      "frame seen",     "frame damaged", "device fault"};
+  static_assert(std::size(kNames) == std::variant_size_v<SequenceEvent>);
+  return kNames[event.index()];
+}
+
+}  // namespace capture

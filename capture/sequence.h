@@ -1,0 +1,168 @@
+// The order of things in a capture, as an explicit state machine. Deciding is here and pure: no
+// device, no clock, no file; doing is the runner's (capture/runner.h).
+//
+//   Idle ─start─► Darkening ─shown─► Settling ─settled─► Arming ─armed──┐
+//                    ▲ black, dark square   photodiode    box, camera    │
+//                    │ at rest                                           ▼
+//                    │                          ┌───────────────────► Showing ◄──────────┐
+//                    │ restart                  │ a frame came          │ edge           │
+//                    │ (disarm)                 │ or is given up        ▼                │
+//                    └──── any of these ◄── Collecting ◄─────────── Exposing ─last pulse─┘
+//                                               │ all slots filled       ended
+//     any state ─abort, failure─► Blackening ◄──┘
+//                                     │ black shown, or its deadline
+//                                     ▼
+//                                   Ended (complete, failed, aborted)
+//
+// The first showing of a run is a priming: black under a flipped square. It wakes a camera that
+// drops its first triggered frame after a rest, teaches the ledger the camera's clock, and proves,
+// by all its frames having come, that camera and box count alike. Handshake pace: the next pattern
+// is shown when the last pulse of this one has ended, and its frames are checked meanwhile; but
+// frames of no more than two showings are ever on their way, so a slow link slows the pace.
+// Deadlines: every waiting state has one in it or, for frames, in the ledger; deadline() is the
+// earliest, and TimePassed makes next() look at them.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "capture/ledger.h"
+#include "capture/plan.h"
+#include "capture/reaction.h"
+#include "rig/camera.h"
+#include "rig/event.h"
+#include "rig/projector.h"
+
+namespace capture {
+
+struct SequenceRules {
+  LedgerRules ledger;
+  rig::Bracketing bracketing = rig::Bracketing::kSequencer;
+  std::chrono::milliseconds edge_deadline{500};  // from show() to the photodiode's edge
+  int retake_limit = 3;                          // per pattern
+  // Black and still before arming: more than any projector's input lag (6 refreshes at 60 Hz).
+  std::chrono::milliseconds settle_time{100};
+};
+
+// What the runner tells the sequence beside the devices' own events.
+struct Start {};
+struct TimePassed {};
+struct AbortRequested {};
+struct Armed {};
+struct CommandRefused {
+  rig::Device device = rig::Device::kCamera;
+  rig::Error error;
+};
+struct StorageFailed {
+  std::string text;
+};
+struct FrameSeen {
+  FrameFacts facts;
+};
+using SequenceEvent =
+    std::variant<Start, TimePassed, AbortRequested, Armed, CommandRefused, StorageFailed,
+                 rig::PictureShown, rig::EdgeSeen, rig::PulseEnded, rig::EdgeIgnored, FrameSeen,
+                 rig::FrameDamaged, rig::DeviceFault>;
+std::string_view name_of(const SequenceEvent& event);
+
+enum class Outcome { kComplete, kFailed, kAborted };
+
+struct Failure {
+  Incident incident = Incident::kFrameMissing;
+  std::optional<rig::Device> device;  // at fault, where one is
+  std::vector<SlotId> slots;          // open, each with an incident of its own
+  std::string text;                   // one sentence with the remedy
+};
+
+struct Idle {};
+struct Darkening {
+  std::uint64_t show_id = 0;
+  rig::HostTime deadline;
+};
+struct Settling {
+  rig::HostTime deadline;  // when it has settled
+};
+struct Arming {
+  rig::HostTime deadline;
+};
+struct Showing {
+  rig::HostTime deadline;
+};
+struct Exposing {
+  rig::HostTime deadline;
+};
+struct Collecting {};  // the frames' deadlines are in the ledger
+struct Blackening {
+  std::uint64_t show_id = 0;
+  rig::HostTime deadline;
+};
+struct Ended {};
+using Phase = std::variant<Idle, Darkening, Settling, Arming, Showing, Exposing, Collecting,
+                           Blackening, Ended>;
+std::string_view name_of(const Phase& phase);
+
+struct SequenceState {
+  Phase phase;
+  Ledger ledger;
+  std::deque<int> queue;           // patterns still to show, next first
+  std::vector<int> retake_counts;  // [pattern + 1]; the first is the priming's
+  int restart_count = 0;
+  std::uint32_t run_id = 0;  // of the latest arming
+  std::uint64_t next_show_id = 1;
+  bool is_square_light = false;
+  Outcome outcome = Outcome::kFailed;  // once Blackening or Ended
+  std::optional<Failure> failure;
+};
+
+// What the runner is to do, in order.
+struct Show {
+  rig::ShowRequest request;
+};
+struct Arm {  // camera first: the box must not fire into a camera that does not listen
+  std::uint32_t run_id = 0;
+  int frame_count = 0;
+};
+struct Disarm {};  // box first; frames not kept so far are let go
+struct KeepFrame {
+  std::uint64_t ticket = 0;
+  SlotId slot;
+  Evidence evidence;
+};
+struct DropFrame {
+  std::uint64_t ticket = 0;
+};
+using Action = std::variant<Show, Arm, Disarm, KeepFrame, DropFrame>;
+
+struct Reacted {
+  Finding finding;
+  Reaction reaction = Reaction::kIgnore;
+};
+
+struct Step {
+  SequenceState state;
+  std::vector<Action> actions;
+  std::vector<Reacted> reacted;  // for the journal
+};
+
+class Sequence {
+ public:
+  Sequence(SequenceRules rules, std::vector<int> order);  // of projection, each pattern once
+
+  SequenceState initial() const;
+  // `now` never goes back. The state is taken by value: move it in.
+  Step next(SequenceState state, const SequenceEvent& event, rig::HostTime now) const;
+  // When to call next() with TimePassed, should nothing happen before; nullopt in Idle and Ended.
+  static std::optional<rig::HostTime> deadline(const SequenceState& state);
+
+ private:
+  SequenceRules rules_;
+  std::vector<int> order_;
+};
+
+}  // namespace capture

@@ -1,0 +1,225 @@
+#include "hw_sim/devices/sim_camera.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
+
+namespace hw_sim {
+
+using std::chrono::microseconds;
+using std::chrono::nanoseconds;
+
+// Buffers of one arming. Thread-safe.
+class FramePool {
+ public:
+  FramePool(int buffer_count, std::size_t byte_count)
+      : free_(static_cast<std::size_t>(buffer_count)) {
+    for (auto& buffer : free_) buffer.resize(byte_count);
+  }
+  std::optional<std::vector<std::byte>> take() {
+    const std::lock_guard lock(mutex_);
+    if (free_.empty()) return std::nullopt;
+    std::vector<std::byte> buffer = std::move(free_.back());
+    free_.pop_back();
+    return buffer;
+  }
+  void give_back(std::vector<std::byte> buffer) {
+    const std::lock_guard lock(mutex_);
+    free_.push_back(std::move(buffer));
+  }
+
+ private:
+  std::mutex mutex_;
+  std::vector<std::vector<std::byte>> free_;  // guarded by mutex_
+};
+
+namespace {
+
+constexpr microseconds kLongestExposure{10'000'000};
+
+class PoolLease final : public rig::FrameLease {
+ public:
+  PoolLease(std::shared_ptr<FramePool> pool, std::vector<std::byte> buffer)
+      : pool_(std::move(pool)), buffer_(std::move(buffer)) {}
+  ~PoolLease() override { pool_->give_back(std::move(buffer_)); }
+  const std::vector<std::byte>& buffer() const { return buffer_; }
+
+ private:
+  std::shared_ptr<FramePool> pool_;  // shared: the last lease keeps it alive
+  std::vector<std::byte> buffer_;
+};
+
+bool is_8_bit(const std::string& pixel_format) { return pixel_format.ends_with("8"); }
+
+std::size_t sample_count(const World& world) {
+  return static_cast<std::size_t>(world.width_px()) * static_cast<std::size_t>(world.height_px()) *
+         static_cast<std::size_t>(world.channel_count());
+}
+
+rig::Error lost() {
+  return {rig::Fault::kDeviceLost,
+          "the camera is gone; see its power and its cable and start again"};
+}
+
+}  // namespace
+
+SimCamera::SimCamera(rig::CameraSettings settings, CameraTiming timing, const SimFaults& faults,
+                     Timeline& timeline, const World& world, const LightTimeline& light)
+    : settings_(std::move(settings)),
+      timing_(timing),
+      faults_(faults),
+      timeline_(timeline),
+      world_(world),
+      light_(light),
+      power_up_(timeline.now()) {
+  engine_.readout = timing_.readout;
+}
+
+SimCamera::~SimCamera() = default;
+
+rig::Result<void> SimCamera::arm(const std::vector<microseconds>& bracket_exposures,
+                                 int frame_count) {
+  if (is_lost_) return tl::unexpected(lost());
+  if (is_armed_) return rig::failure(rig::Fault::kBusy, "the camera is armed; disarm it first");
+  const bool is_count_possible = !bracket_exposures.empty() &&
+                                 bracket_exposures.size() <= ExposureEngine::kSetCount &&
+                                 frame_count > 0;
+  const bool can_expose =
+      std::all_of(bracket_exposures.begin(), bracket_exposures.end(), [](microseconds exposure) {
+        return exposure > microseconds(0) && exposure <= kLongestExposure;
+      });
+  if (!is_count_possible || !can_expose)
+    return rig::failure(rig::Fault::kOutOfRange,
+                        "the camera takes 1 to 8 exposures of at most 10 s each");
+  engine_.bracketing = settings_.bracketing;
+  engine_.is_sequencer_on = settings_.bracketing == rig::Bracketing::kSequencer;
+  for (std::size_t set = 0; set < bracket_exposures.size(); ++set)
+    engine_.sets[set] = {bracket_exposures[set],
+                         static_cast<int>((set + 1) % bracket_exposures.size())};
+  engine_.start_set = 0;
+  engine_.start();
+  const std::size_t sample_bytes = is_8_bit(settings_.pixel_format) ? 1 : 2;
+  pool_ = std::make_shared<FramePool>(frame_count, sample_count(world_) * sample_bytes);
+  counters_ = {};
+  block_id_ = 0;
+  ++arming_number_;
+  is_armed_ = true;
+  return {};
+}
+
+void SimCamera::disarm() noexcept {
+  is_armed_ = false;
+  ++arming_number_;
+}
+
+rig::Result<rig::CameraCounters> SimCamera::counters() {
+  if (is_lost_) return tl::unexpected(lost());
+  counters_.trigger_count = static_cast<std::int64_t>(engine_.trigger_count());
+  counters_.missed_trigger_count = static_cast<std::int64_t>(engine_.missed_count());
+  return counters_;
+}
+
+void SimCamera::pulse(const LinePulse& pulse) {
+  ++pulse_count_;
+  if (faults_.camera_lost_at_pulse == pulse_count_ && !is_lost_) {
+    is_lost_ = true;
+    disarm();
+    timeline_.post(rig::DeviceFault{rig::Device::kCamera, lost()});
+  }
+  if (!is_armed_ || is_lost_) return;
+  if (faults_.slips.contains(pulse_count_)) engine_.slip();
+  const auto job = engine_.trigger(pulse.start, pulse.width);
+  if (!job) return;
+  timeline_.schedule(job->end(), [this, job = *job, arming = arming_number_] {
+    if (arming == arming_number_) finish(job);
+  });
+}
+
+// The shutter has closed: the light that fell in is known.
+void SimCamera::finish(const ExposureJob& job) {
+  auto buffer = pool_->take();
+  ++block_id_;
+  ++frame_count_;
+  if (!buffer || faults_.dropped_frames.contains(frame_count_)) {
+    if (buffer) pool_->give_back(std::move(*buffer));
+    return;
+  }
+  expose(job, *buffer);
+  send(job, std::move(*buffer));
+}
+
+void SimCamera::send(const ExposureJob& job, std::vector<std::byte> pixels) {
+  rig::HostTime arrival = job.end() + timing_.readout + timing_.transfer;
+  if (faults_.late_frames.contains(frame_count_)) arrival += faults_.frame_delay;
+  const bool is_damaged = faults_.damaged_frames.contains(frame_count_);
+  if (faults_.repeated_frames.contains(frame_count_)) {
+    if (auto copy = pool_->take()) {
+      *copy = pixels;
+      const auto twin = std::make_shared<rig::Frame>(make_frame(job, std::move(*copy)));
+      timeline_.schedule(arrival, [this, twin, arming = arming_number_] {
+        if (arming != arming_number_) return;
+        twin->received = timeline_.now();
+        timeline_.post(rig::FrameArrived{std::move(*twin)});
+      });
+    }
+  }
+  // shared: std::function must be copyable, a frame is not
+  const auto frame = std::make_shared<rig::Frame>(make_frame(job, std::move(pixels)));
+  timeline_.schedule(arrival, [this, frame, is_damaged, arming = arming_number_] {
+    if (arming != arming_number_) return;
+    frame->received = timeline_.now();
+    if (is_damaged) {
+      ++counters_.damaged_frame_count;
+      timeline_.post(rig::FrameDamaged{frame->block_id,
+                                       {rig::Fault::kFrameIncomplete, "packets are missing"}});
+    } else {
+      ++counters_.delivered_frame_count;
+      timeline_.post(rig::FrameArrived{std::move(*frame)});
+    }
+  });
+}
+
+rig::Frame SimCamera::make_frame(const ExposureJob& job, std::vector<std::byte> pixels) const {
+  auto lease = std::make_unique<PoolLease>(pool_, std::move(pixels));
+  rig::Frame frame;
+  frame.pixels = lease->buffer();
+  frame.width_px = world_.width_px();
+  frame.height_px = world_.height_px();
+  frame.pixel_format = settings_.pixel_format;
+  frame.block_id = block_id_;
+  frame.timestamp = camera_time(job.start);
+  if (timing_.has_chunks) {
+    frame.exposure = job.duration;
+    frame.trigger_count = job.trigger_number;
+    if (job.sequencer_set >= 0) frame.sequencer_set = job.sequencer_set;
+  }
+  frame.lease = std::move(lease);
+  return frame;
+}
+
+void SimCamera::expose(const ExposureJob& job, std::vector<std::byte>& pixels) const {
+  estimation::Image<std::uint16_t> frame_dn(world_.height_px(), world_.width_px(),
+                                            world_.channel_count());
+  world_.expose({light_.between(job.start, job.end()), job.duration, job.trigger_number},
+                frame_dn.view());
+  const auto samples = frame_dn.samples();
+  if (is_8_bit(settings_.pixel_format))
+    std::transform(samples.begin(), samples.end(), pixels.begin(),
+                   [](std::uint16_t dn) { return static_cast<std::byte>(dn); });
+  else
+    std::memcpy(pixels.data(), samples.data(), samples.size_bytes());
+}
+
+rig::CameraClock::time_point SimCamera::camera_time(rig::HostTime time) const {
+  const auto since_power_up =
+      static_cast<double>(std::chrono::duration_cast<nanoseconds>(time - power_up_).count());
+  return rig::CameraClock::time_point(
+      timing_.clock_start +
+      nanoseconds(std::llround(since_power_up * (1 + timing_.clock_drift_ppm * 1e-6))));
+}
+
+}  // namespace hw_sim

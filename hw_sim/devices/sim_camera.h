@@ -1,0 +1,74 @@
+// The camera of the in-process rig: the exposure engine looking at a World, without a network.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "hw_sim/devices/sim_faults.h"
+#include "hw_sim/devices/timeline.h"
+#include "hw_sim/exposure_engine.h"
+#include "hw_sim/light.h"
+#include "hw_sim/trigger_box_model.h"
+#include "hw_sim/world.h"
+#include "rig/camera.h"
+#include "rig/frame.h"
+
+namespace hw_sim {
+
+struct CameraTiming {
+  std::chrono::microseconds readout{500};
+  std::chrono::microseconds transfer{3000};             // from the end of readout to the host
+  std::chrono::nanoseconds clock_start{7'000'000'000};  // what its counter read at power-up
+  double clock_drift_ppm = 20;
+  bool has_chunks = true;
+};
+
+class FramePool;
+
+// Not thread-safe: lives on its Timeline's thread; leases may be given back from any.
+class SimCamera final : public rig::Camera {
+ public:
+  // The frames have the world's size; `world` and `light` outlive the camera.
+  SimCamera(rig::CameraSettings settings, CameraTiming timing, const SimFaults& faults,
+            Timeline& timeline, const World& world, const LightTimeline& light);
+  ~SimCamera() override;
+
+  const rig::CameraIdentity& identity() const override { return identity_; }
+  rig::Result<void> arm(const std::vector<std::chrono::microseconds>& bracket_exposures,
+                        int frame_count) override;
+  void disarm() noexcept override;
+  rig::Result<rig::CameraCounters> counters() override;
+
+  // The trigger line goes up now.
+  void pulse(const LinePulse& pulse);
+
+ private:
+  void finish(const ExposureJob& job);
+  void send(const ExposureJob& job, std::vector<std::byte> pixels);
+  rig::Frame make_frame(const ExposureJob& job, std::vector<std::byte> pixels) const;
+  void expose(const ExposureJob& job, std::vector<std::byte>& pixels) const;
+  rig::CameraClock::time_point camera_time(rig::HostTime time) const;
+
+  const rig::CameraSettings settings_;
+  const CameraTiming timing_;
+  const SimFaults& faults_;
+  Timeline& timeline_;
+  const World& world_;
+  const LightTimeline& light_;
+  const rig::HostTime power_up_;
+  rig::CameraIdentity identity_{"ssrig", "SimCamera", "SIM", "1"};
+  ExposureEngine engine_;
+  // Shared with every lease: frames may outlive the camera.
+  std::shared_ptr<FramePool> pool_;
+  bool is_armed_ = false;
+  bool is_lost_ = false;
+  std::uint64_t arming_number_ = 0;  // exposures of earlier armings are discarded
+  std::uint64_t block_id_ = 0;       // of this arming
+  std::uint64_t pulse_count_ = 0;
+  std::uint64_t frame_count_ = 0;
+  rig::CameraCounters counters_;
+};
+
+}  // namespace hw_sim

@@ -1,0 +1,62 @@
+// The trigger box of the in-process rig: the box's model, without a wire between.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "hw_sim/devices/sim_faults.h"
+#include "hw_sim/devices/timeline.h"
+#include "hw_sim/trigger_box_model.h"
+#include "rig/clock.h"
+#include "rig/trigger.h"
+#include "rig/trigger_box_protocol.h"
+
+namespace hw_sim {
+
+// Not thread-safe: lives on its Timeline's thread.
+class SimTrigger final : public rig::Trigger {
+ public:
+  // Called at each pulse's start: the camera's trigger line.
+  using OnPulse = std::function<void(const LinePulse&)>;
+
+  SimTrigger(rig::TriggerSettings settings, const SimFaults& faults, Timeline& timeline,
+             OnPulse on_pulse);
+
+  const rig::TriggerIdentity& identity() const override { return identity_; }
+  rig::Result<void> arm(const std::vector<std::chrono::microseconds>& pulse_widths,
+                        std::uint32_t run_id) override;
+  void disarm() noexcept override;
+  rig::Result<rig::TriggerCounters> counters() override;
+
+  // What the photodiode sees now. Nothing happens where that is what it saw before.
+  void square(bool is_light);
+
+ private:
+  std::optional<std::vector<std::uint8_t>> request(rig::tb1::Request request,
+                                                   std::uint16_t value = 0,
+                                                   const std::vector<std::uint8_t>& data = {});
+  void light(bool is_light);
+  void catch_up();  // takes what the box has done, and comes back when something is next due
+  void hear(const rig::tb1::Record& record);
+  void flash();
+  void lose();
+
+  const rig::TriggerSettings settings_;
+  const SimFaults& faults_;
+  Timeline& timeline_;
+  const OnPulse on_pulse_;
+  rig::TriggerIdentity identity_{"SIM", rig::tb1::kProtocolVersion, 0};
+  TriggerBoxModel box_;
+  rig::ClockMap<rig::BoxClock> clock_;
+  std::optional<rig::tb1::RecordReader> reader_;  // while armed
+  std::uint64_t wake_up_number_ = 0;              // of the latest: earlier ones are void
+  std::uint64_t change_count_ = 0;
+  std::uint64_t edge_count_ = 0;
+  std::uint64_t pulse_count_ = 0;
+  bool is_square_light_ = false;
+  bool is_lost_ = false;
+};
+
+}  // namespace hw_sim

@@ -1,0 +1,114 @@
+// The in-process rig around the ledger world, as capture's tests use it: the paper's 88 patterns in
+// two exposures on a projector of 64 x 48 px, so that a capture takes milliseconds.
+#pragma once
+
+#include <map>
+#include <numeric>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "capture/runner.h"
+#include "hw_sim/devices/in_process_rig.h"
+#include "hw_sim/devices/ledger_world.h"
+#include "rig/rig_file.h"
+
+namespace capture {
+
+inline rig::RigFile ledger_rig_file() {
+  rig::RigFile rig_file;
+  rig_file.name = "ledger";
+  rig_file.projector.monitor = "SIM-1";
+  rig_file.projector.width_px = 64;
+  rig_file.projector.height_px = 48;
+  rig_file.projector.sync_square.size_px = 8;
+  rig_file.camera.pixel_format = "Mono16";
+  rig_file.camera.width_px = hw_sim::LedgerWorld::kWidthPx;
+  rig_file.camera.height_px = hw_sim::LedgerWorld::kHeightPx;
+  rig_file.sensor.saturation_level_dn = 65535;
+  rig_file.sequence.exposures = {std::chrono::microseconds(10'000),
+                                 std::chrono::microseconds(40'000)};
+  return rig_file;
+}
+
+// 88 patterns although the projector is small: 176 slots, as the real thing has.
+inline Plan ledger_plan(const rig::RigFile& rig_file) {
+  Plan plan{"paper", estimation::paper_patterns(), {}, rig_file.sequence.exposures};
+  plan.order.resize(plan.patterns.size());
+  std::iota(plan.order.begin(), plan.order.end(), 0);
+  return plan;
+}
+
+// Keeps what the frames say of themselves.
+class IdentityKeeper final : public FrameConsumer {
+ public:
+  void consume(const CapturedFrame& captured) override {
+    const FrameSamples samples(*captured.frame);
+    const auto identity = hw_sim::decode_identity(samples.view());
+    ++frame_count;
+    if (!identity) return;
+    frames.push_back({captured, *identity});
+  }
+  std::optional<std::string> failure() const override { return injected_failure; }
+
+  struct Kept {
+    CapturedFrame captured;
+    hw_sim::FrameIdentity identity;
+  };
+  int frame_count = 0;
+  std::vector<Kept> frames;  // of those whose identity could be read
+  std::optional<std::string> injected_failure;
+};
+
+// Is this frame what its slot says: lit by that pattern and nothing else, for that bracket's time,
+// by the pulse of the evidence?
+inline bool is_its_slots(const IdentityKeeper::Kept& kept,
+                         const std::vector<std::chrono::microseconds>& exposures) {
+  const hw_sim::FrameIdentity& identity = kept.identity;
+  const SlotId slot = kept.captured.slot;
+  if (identity.light.size() != 1) return false;
+  const hw_sim::ShownPicture shown = hw_sim::shown_picture(identity.light[0].picture_id);
+  return shown.picture == slot.pattern &&
+         shown.is_square_light == kept.captured.evidence.is_light &&
+         identity.exposure == exposures[static_cast<std::size_t>(slot.bracket)] &&
+         identity.light[0].duration == identity.exposure;
+}
+
+struct LedgerCapture {
+  explicit LedgerCapture(const hw_sim::SimFaults& faults = {},
+                         const rig::RigFile& rig_file_in = ledger_rig_file(),
+                         const hw_sim::CameraTiming& camera_timing = {})
+      : rig_file(rig_file_in),
+        plan(ledger_plan(rig_file)),
+        rig(world,
+            {rig_file.projector, rig_file.trigger, rig_file.camera, {}, camera_timing, faults}) {}
+
+  RunResult run(const std::stop_token& stop = {}, const OnTransition& also = {}) {
+    const double refresh_hz = rig.projector().report().measured_refresh_hz;
+    return run_capture({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, plan,
+                       rig_file.projector, make_rules(rig_file, refresh_hz), keeper, stop,
+                       [&](const Transition& transition) {
+                         for (const Reacted& reacted : transition.reacted)
+                           ++incidents[reacted.finding.incident];
+                         if (also) also(transition);
+                       });
+  }
+
+  // Frames handed to the consumer that are not what their slot says.
+  int wrong_frame_count() const {
+    int count = keeper.frame_count - static_cast<int>(keeper.frames.size());
+    for (const auto& kept : keeper.frames)
+      if (!is_its_slots(kept, plan.exposures)) ++count;
+    return count;
+  }
+
+  hw_sim::LedgerWorld world;
+  rig::RigFile rig_file;
+  Plan plan;
+  hw_sim::InProcessRig rig;
+  IdentityKeeper keeper;
+  std::map<Incident, int> incidents;
+};
+
+}  // namespace capture
