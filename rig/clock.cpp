@@ -1,5 +1,6 @@
 #include "rig/clock.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "estimation/base/check.h"
@@ -13,39 +14,57 @@ double to_ns(Duration duration) {
       std::chrono::duration_cast<std::chrono::nanoseconds>(duration).count());
 }
 
+// Device clocks tick in microseconds at best, and a weight must not be infinite.
+constexpr std::chrono::nanoseconds kLeastUncertainty{500};
+// Crystals are good to 100 ppm.
+constexpr double kDriftSpread = 100e-6;
+
 }  // namespace
 
 template <typename DeviceClock>
 void ClockMap<DeviceClock>::add(typename DeviceClock::time_point device, HostTime host,
                                 std::chrono::nanoseconds uncertainty) {
-  if (uncertainty < best_uncertainty_) best_uncertainty_ = uncertainty;
-  if (!samples_.empty() && uncertainty > 2 * best_uncertainty_) return;
-  samples_.push_back({device, host});
+  samples_.push_back({device, host, std::max(uncertainty, kLeastUncertainty)});
   if (samples_.size() > kSampleLimit) samples_.pop_front();
   fit();
 }
 
 template <typename DeviceClock>
+std::chrono::nanoseconds ClockMap<DeviceClock>::best_uncertainty() const {
+  auto best = std::chrono::nanoseconds::max();
+  for (const Sample& sample : samples_) best = std::min(best, sample.uncertainty);
+  return best;
+}
+
+template <typename DeviceClock>
 void ClockMap<DeviceClock>::fit() {
-  const auto& first = samples_.front();
-  const double count = static_cast<double>(samples_.size());
+  const Sample& first = samples_.front();
+  const auto best = best_uncertainty();
+  const auto weight_of = [best](const Sample& sample) {
+    const double ratio = to_ns(best) / to_ns(sample.uncertainty);
+    return ratio * ratio;
+  };
+  double sum_weight = 0;
   mean_device_ns_ = mean_host_ns_ = 0;
   for (const Sample& sample : samples_) {
-    mean_device_ns_ += to_ns(sample.device - first.device) / count;
-    mean_host_ns_ += to_ns(sample.host - first.host) / count;
+    const double weight = weight_of(sample);
+    sum_weight += weight;
+    mean_device_ns_ += weight * to_ns(sample.device - first.device);
+    mean_host_ns_ += weight * to_ns(sample.host - first.host);
   }
+  mean_device_ns_ /= sum_weight;
+  mean_host_ns_ /= sum_weight;
   double sum_xx = 0;
   double sum_xy = 0;
   for (const Sample& sample : samples_) {
     const double x = to_ns(sample.device - first.device) - mean_device_ns_;
     const double y = to_ns(sample.host - first.host) - mean_host_ns_;
-    sum_xx += x * x;
-    sum_xy += x * (y - x);
+    sum_xx += weight_of(sample) * x * x;
+    sum_xy += weight_of(sample) * x * (y - x);
   }
-  // Under a second of data the jitter of single samples would pass for drift: crystals are good to
-  // 100 ppm.
-  const bool is_long_enough = to_ns(samples_.back().device - first.device) > 1e9;
-  drift_ = is_long_enough && sum_xx > 0 ? sum_xy / sum_xx : 0;
+  // Least squares with a normal prior on the drift.
+  const double prior = to_ns(best) / kDriftSpread;
+  drift_ = sum_xy / (sum_xx + prior * prior);
 }
 
 template <typename DeviceClock>

@@ -28,32 +28,36 @@ struct CameraClock {
   static constexpr bool is_steady = true;
 };
 
-// Host time of a device time: offset and drift by least squares over the latest samples. Not
+// Host time of a device time: offset and drift by least squares over the latest samples, each with
+// the weight 1 / uncertainty^2, so that a slow round trip among quick ones hardly counts. Drift is
+// expected within some 100 ppm, so that the jitter of few samples does not pass for it. Not
 // thread-safe.
 template <typename DeviceClock>
 class ClockMap {
  public:
   // `host` is when the device's clock read `device`, give or take `uncertainty`.
-  // Samples of more than twice the smallest uncertainty so far are ignored.
+  // A sample of a device time before the latest one's (the device has restarted) forgets the
+  // others.
   void add(typename DeviceClock::time_point device, HostTime host,
            std::chrono::nanoseconds uncertainty);
   bool is_ready() const { return !samples_.empty(); }
   // check() fails before the first sample.
   HostTime to_host(typename DeviceClock::time_point device) const;
   double drift_ppm() const { return drift_ * 1e6; }
-  std::chrono::nanoseconds best_uncertainty() const { return best_uncertainty_; }
+  // The smallest among the latest samples; the map is about that good.
+  std::chrono::nanoseconds best_uncertainty() const;
 
  private:
   static constexpr std::size_t kSampleLimit = 64;  // at 10 heartbeats a second: the last 6 s
   struct Sample {
     typename DeviceClock::time_point device;
     HostTime host;
+    std::chrono::nanoseconds uncertainty;
   };
   void fit();
 
   std::deque<Sample> samples_;
-  std::chrono::nanoseconds best_uncertainty_ = std::chrono::nanoseconds::max();
-  double mean_device_ns_ = 0;  // relative to the first sample
+  double mean_device_ns_ = 0;  // weighted; relative to the first sample
   double mean_host_ns_ = 0;
   double drift_ = 0;  // host ns per device ns, minus one
 };

@@ -15,7 +15,7 @@ namespace rig {
 struct TriggerSettings {
   std::uint16_t vendor_id = 0x1209;
   std::uint16_t product_id = 0x0001;
-  std::string serial;                       // empty: the only one plugged in
+  std::string serial{};                     // empty: the only one plugged in
   std::chrono::microseconds delay_rise{0};  // light edge to first pulse
   std::chrono::microseconds delay_fall{0};
   std::chrono::microseconds gap{

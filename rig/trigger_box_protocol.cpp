@@ -11,6 +11,9 @@
 namespace rig::tb1 {
 namespace {
 
+// A signed 64-bit count of ns has to hold it.
+constexpr std::uint64_t kTimeLimit_us = std::numeric_limits<std::int64_t>::max() / 1000;
+
 template <std::size_t Size>
 class Writer {
  public:
@@ -130,9 +133,7 @@ Result<Record> decode_record(std::span<const std::uint8_t> bytes) {
   record.edge_number = reader.take<std::uint32_t>();
   record.pulse_number = reader.take<std::uint32_t>();
   record.time_us = reader.take<std::uint64_t>();
-  // A signed 64-bit count of ns has to hold it: 292 years.
-  if (record.time_us >
-      static_cast<std::uint64_t>(std::numeric_limits<std::int64_t>::max()) / 1000) {
+  if (record.time_us > kTimeLimit_us) {
     return malformed("record of time " + std::to_string(record.time_us) + " us");
   }
   record.run_id = reader.take<std::uint32_t>();
@@ -304,23 +305,23 @@ std::array<std::uint8_t, kTimeBytes> encode_time(std::uint64_t time_us) {
 
 Result<std::uint64_t> decode_time(std::span<const std::uint8_t> bytes) {
   if (bytes.size() != kTimeBytes) return malformed(wrong_size("time", bytes.size(), kTimeBytes));
-  return Reader(bytes).take<std::uint64_t>();
+  const auto time_us = Reader(bytes).take<std::uint64_t>();
+  if (time_us > kTimeLimit_us) return malformed("time " + std::to_string(time_us) + " us");
+  return time_us;
 }
 
 std::vector<Event> RecordReader::read(const Record& record, const ClockMap<BoxClock>& clock) {
   std::vector<Event> events;
   if (record.run_id != run_id_) return events;
   check_sequence(record, events);
-  const auto host_time = [&] {
-    return clock.to_host(
-        BoxClock::time_point(std::chrono::microseconds(static_cast<std::int64_t>(record.time_us))));
-  };
   switch (record.type) {
     case RecordType::kEdge:
-      events.push_back(EdgeSeen{record.edge_number, record.level == 1, host_time()});
+      events.push_back(EdgeSeen{record.edge_number, record.level == 1,
+                                clock.to_host(to_time_point(record.time_us))});
       break;
     case RecordType::kIgnoredEdge:
-      events.push_back(EdgeIgnored{record.edge_number, record.level == 1, host_time()});
+      events.push_back(EdgeIgnored{record.edge_number, record.level == 1,
+                                   clock.to_host(to_time_point(record.time_us))});
       break;
     case RecordType::kPulseStart:
       started_ = record;
@@ -365,12 +366,9 @@ void RecordReader::end_pulse(const Record& record, const ClockMap<BoxClock>& clo
                              std::vector<Event>& events) {
   const std::optional<Record> start = std::exchange(started_, std::nullopt);
   if (start && start->pulse_number == record.pulse_number) {
-    const auto host_time = [&clock](std::uint64_t time_us) {
-      return clock.to_host(
-          BoxClock::time_point(std::chrono::microseconds(static_cast<std::int64_t>(time_us))));
-    };
     events.push_back(PulseEnded{record.edge_number, record.pulse_index, record.pulse_number,
-                                host_time(start->time_us), host_time(record.time_us)});
+                                clock.to_host(to_time_point(start->time_us)),
+                                clock.to_host(to_time_point(record.time_us))});
   } else if (!may_lack_start_) {
     events.push_back(
         DeviceFault{Device::kTrigger,

@@ -149,9 +149,13 @@ constexpr std::size_t kLevelsBytes = 4;
 std::array<std::uint8_t, kLevelsBytes> encode(const Levels& levels);
 Result<Levels> decode_levels(std::span<const std::uint8_t> bytes);
 
+// Times beyond 292 years, which no time point holds, do not decode.
 constexpr std::size_t kTimeBytes = 8;
 std::array<std::uint8_t, kTimeBytes> encode_time(std::uint64_t time_us);
 Result<std::uint64_t> decode_time(std::span<const std::uint8_t> bytes);
+constexpr BoxClock::time_point to_time_point(std::uint64_t time_us) {
+  return BoxClock::time_point(BoxClock::duration(static_cast<BoxClock::rep>(time_us)));
+}
 
 // CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, not reflected; "123456789" gives 0x29B1.
 std::uint16_t crc16(std::span<const std::uint8_t> bytes);

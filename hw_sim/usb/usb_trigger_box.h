@@ -24,7 +24,7 @@ struct UsbTriggerBoxOptions {
   std::uint16_t vendor_id = 0x1209;
   std::uint16_t product_id = 0x0001;
   std::string serial = "TB-SIM-0001";
-  UsbAddress address;
+  UsbAddress address{};
   double drift_ppm = 0;  // of the box's crystal
 };
 

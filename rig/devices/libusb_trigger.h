@@ -1,0 +1,153 @@
+// The trigger box over libusb: TB1 as in rig/trigger_box_protocol.h. Passes
+// tests/contract/trigger_contract.h at the far end of a simulated wire (tests/wire/usb).
+//
+// Two threads. The session's thread makes the vendor requests (arm, disarm, counters), each with a
+// time limit. The event thread below keeps eight reads in flight, turns records into events, asks
+// the box for its time at every heartbeat, and watches that the heart beats.
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "rig/clock.h"
+#include "rig/event.h"
+#include "rig/fault.h"
+#include "rig/trigger.h"
+#include "rig/trigger_box_protocol.h"
+
+struct libusb_context;
+struct libusb_device_handle;
+struct libusb_transfer;
+
+namespace rig {
+
+// Threads, states and errors as in rig/trigger.h. Also posts, each once per incident, as
+// DeviceFault{kTrigger}: kSequenceGap (records lost), kTimeout (three heartbeats missed, or DISARM
+// not taken), kProtocol (a read failed and was repeated, or an answer makes no sense), kDeviceLost
+// (unplugged; the only one that is terminal).
+class LibusbTrigger final : public Trigger {
+ public:
+  // Finds the box, claims it, checks its version, disarms it and synchronises the clocks. Takes
+  // some ms. Errors: kNotFound; kConfiguration (several boxes and no serial); kAccessDenied
+  // (permissions, or another program has it); kUnsupported (another protocol version); kTimeout;
+  // kDeviceLost.
+  static Result<std::unique_ptr<LibusbTrigger>> open(const TriggerSettings& settings,
+                                                     EventSink& sink);
+  // Disarms and stops within about two seconds, whatever the box does.
+  ~LibusbTrigger() override;
+
+  const TriggerIdentity& identity() const override { return identity_; }
+  Result<void> arm(const std::vector<std::chrono::microseconds>& pulse_widths,
+                   std::uint32_t run_id) override;
+  // Waits until the box has reported the last of the run; nothing of it is posted afterwards.
+  void disarm() noexcept override;
+  Result<TriggerCounters> counters() override;
+
+  // The lowest and highest photodiode level since the last call, for choosing thresholds. Errors
+  // as counters().
+  Result<tb1::Levels> levels();
+  // How well the box's clock is known.
+  double clock_drift_ppm() const;
+  std::chrono::nanoseconds clock_uncertainty() const;
+
+ private:
+  struct ContextExit {
+    void operator()(libusb_context* context) const;
+  };
+  struct HandleClose {
+    void operator()(libusb_device_handle* handle) const;
+  };
+  struct TransferFree {
+    void operator()(libusb_transfer* transfer) const;
+  };
+  using Context = std::unique_ptr<libusb_context, ContextExit>;
+  using Handle = std::unique_ptr<libusb_device_handle, HandleClose>;
+  using Transfer = std::unique_ptr<libusb_transfer, TransferFree>;
+  struct Found {
+    Handle handle;
+    std::string serial;
+  };
+
+  static constexpr std::size_t kReadCount = 8;
+  static constexpr std::size_t kReadBytes = 8 * tb1::kPacketBytes;
+  struct Read {
+    std::array<std::uint8_t, kReadBytes> buffer{};
+    Transfer transfer;
+    bool is_in_flight = false;
+    bool has_failed = false;  // to be submitted again when the endpoint is cleared
+  };
+  // GET_TIME without waiting.
+  struct TimeQuery {
+    std::array<std::uint8_t, 8 + tb1::kTimeBytes> buffer{};
+    Transfer transfer;
+    bool is_in_flight = false;
+    HostTime sent;
+  };
+
+  LibusbTrigger(const TriggerSettings& settings, EventSink& sink, Context context, Found found);
+
+  static Result<Context> start_libusb();
+  static Result<Found> find(libusb_context* context, const TriggerSettings& settings);
+  Result<void> start();
+
+  // Vendor requests, session thread.
+  Result<void> request_out(tb1::Request request, std::uint16_t value,
+                           std::span<const std::uint8_t> data);
+  Result<std::vector<std::uint8_t>> request_in(tb1::Request request, std::size_t size_bytes);
+  Error request_error(tb1::Request request, int code);
+  Result<void> configure(const std::vector<std::chrono::microseconds>& pulse_widths);
+  Result<void> synchronise_clock();
+
+  // Event thread, except during open and in the destructor.
+  void run_events();
+  static void on_read(libusb_transfer* transfer);
+  static void on_time(libusb_transfer* transfer);
+  void take_records(std::span<const std::uint8_t> bytes);
+  void take_record(const tb1::Record& record);
+  void submit(Read& read);
+  void query_time();
+  void repeat_failed_reads();
+  void check_heartbeat();
+  void cancel_transfers();
+  bool has_transfer_in_flight() const;
+  bool is_closing() const;
+  void post_fault(Fault fault, std::string detail);
+  void lose_device();
+
+  const TriggerSettings settings_;
+  EventSink& sink_;
+  TriggerIdentity identity_;
+  bool is_armed_ = false;  // session thread
+
+  // Declared so that the handle closes before the transfers are freed: after closing no callback
+  // comes, even for a transfer that never returned.
+  Context context_;
+  std::vector<std::unique_ptr<Read>> reads_;  // event thread, as the five below
+  TimeQuery time_query_;
+  int failed_read_count_ = 0;  // in a row
+  std::string read_failure_;
+  HostTime last_heartbeat_;
+  bool has_reported_silence_ = false;
+  Handle handle_;
+
+  mutable std::mutex mutex_;
+  std::condition_variable run_ended_;
+  ClockMap<BoxClock> clock_;              // guarded by mutex_, as all below
+  std::optional<tb1::RecordReader> run_;  // while armed
+  std::uint32_t run_id_ = 0;
+  bool is_stopping_ = false;
+  bool is_lost_ = false;
+
+  std::jthread event_thread_;
+};
+
+}  // namespace rig
