@@ -3,12 +3,12 @@
 #pragma once
 
 #include <cstdint>
-#include <limits>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "estimation/base/image.h"
+#include "estimation/radiometry/noise.h"
 #include "estimation/session/manifest.h"
 #include "estimation/session/maps.h"
 #include "estimation/session/pattern.h"
@@ -26,21 +26,10 @@ struct PatternSignal {
   ImageView<const float> signal;
 };
 
-// Variance of one sample of the merged signal, (DN/us)^2: read_variance + shot_dn_per_us * signal,
-// for signals up to up_to_dn_per_us. A merge that leaves the long exposure out where it saturates
-// needs two ranges.
-//   one exposure of t us at gain g e/DN: shot_dn_per_us = 1 / (g t), read_variance = (read_e / (g
-//   t))^2
-struct NoiseRange {
-  float up_to_dn_per_us = std::numeric_limits<float>::infinity();
-  float read_variance = 0;
-  float shot_dn_per_us = 0;
-};
-
 struct CorrespondenceOptions {
-  // By rising up_to_dn_per_us; the last one holds for everything above. All zero is allowed: then
-  // the standard deviations are the systematic part alone.
-  std::vector<NoiseRange> noise{NoiseRange{}};
+  // As merged_noise() makes it; at least one entry. All zero is allowed: then the standard
+  // deviations are the systematic part alone.
+  std::vector<MergedNoise> noise{MergedNoise{}};
   // Lit: the projector's modulation is this many standard deviations, and this share of the 99th
   // percentile of all pixels' modulations (stray light at the far wall is not the subject).
   double min_modulation_sd = 5;

@@ -1,0 +1,204 @@
+#include "estimation/geometry/surface.h"
+
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "estimation/base/check.h"
+#include "estimation/geometry/smoothing.h"
+#include "estimation/geometry/triangulation.h"
+
+namespace estimation {
+namespace {
+
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+constexpr int kMaxRadiusPx = 40;  // a window wider than this is not local on any camera of ours
+
+template <typename Body>
+void for_rows(int height_px, const Body& body) {
+  oneapi::tbb::parallel_for(oneapi::tbb::blocked_range<int>(0, height_px, 4),
+                            [&](const oneapi::tbb::blocked_range<int>& range) {
+                              for (int row = range.begin(); row < range.end(); ++row) body(row);
+                            });
+}
+
+// As triangulated, pixel by pixel; NaN where there is no point.
+struct RawDepth {
+  Image<float> inverse_per_mm;
+  Image<float> relative_sd;
+};
+
+ProjectorReading reading_at(const Correspondence& correspondence, int row, int col) {
+  ProjectorReading reading;
+  if (!correspondence.column_px.empty()) {
+    reading.column_px = double{correspondence.column_px.at(row, col)};
+    reading.column_sd_px = double{correspondence.column_sd_px.at(row, col)};
+  }
+  if (!correspondence.row_px.empty()) {
+    reading.row_px = double{correspondence.row_px.at(row, col)};
+    reading.row_sd_px = double{correspondence.row_sd_px.at(row, col)};
+  }
+  return reading;
+}
+
+RawDepth triangulate_image(const Stereo& stereo, const Correspondence& correspondence,
+                           const SurfaceOptions& options, Image<std::uint32_t>& validity) {
+  const int height = validity.height_px(), width = validity.width_px();
+  RawDepth raw{Image<float>(height, width, 1, kNaN), Image<float>(height, width, 1, kNaN)};
+  for_rows(height, [&](int row) {
+    for (int col = 0; col < width; ++col) {
+      if (validity.at(row, col) & kValidityErrors) continue;
+      const auto ray = stereo.ray(row, col);
+      std::optional<Stereo::Depth> depth;
+      if (ray) depth = stereo.triangulate(*ray, reading_at(correspondence, row, col));
+      if (!depth || depth->epipolar_px > options.max_epipolar_px ||
+          !(depth->sd_mm * cv::norm(ray->direction) <= options.max_position_sd_mm)) {
+        validity.at(row, col) |= kNoCorrespondence;
+        continue;
+      }
+      raw.inverse_per_mm.at(row, col) = static_cast<float>(1 / depth->depth_mm);
+      raw.relative_sd.at(row, col) = static_cast<float>(depth->sd_mm / depth->depth_mm);
+    }
+  });
+  return raw;
+}
+
+// Camera px per mm on a surface that faces the camera, at the median depth.
+double camera_px_per_mm(const RawDepth& raw, double focal_px) {
+  std::vector<float> values;
+  for (const float value : raw.inverse_per_mm.samples()) {
+    if (!std::isnan(value)) values.push_back(value);
+  }
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return double{*middle} * focal_px;
+}
+
+FitOptions fit_options(const SurfaceOptions& options, double px_per_mm, double focal_px) {
+  const auto radius_px = [&](double radius_mm) {
+    return std::clamp(static_cast<int>(std::lround(radius_mm * px_per_mm)), 1, kMaxRadiusPx);
+  };
+  return {radius_px(options.smoothing_radius_mm), options.max_slope / focal_px,
+          radius_px(options.near_discontinuity_mm)};
+}
+
+// Towards the camera. On a plane n . X = d inverse depth is n . (x, y, 1) / d, so its derivatives
+// by x and y, and its value less both, are the normal's direction.
+Vec3 normal_of(const Stereo::Ray& ray, double inverse_per_mm, double by_col, double by_row) {
+  // Derivatives by px turned into those by the normalised coordinates x, y.
+  const Vec2 by_xy = ray.normalized_by_pixel.inv().t() * Vec2(by_col, by_row);
+  const Vec3 direction(by_xy[0], by_xy[1],
+                       inverse_per_mm - by_xy.dot(Vec2(ray.direction[0], ray.direction[1])));
+  const Vec3 normal = direction / cv::norm(direction);
+  return normal.dot(ray.direction) > 0 ? -normal : normal;
+}
+
+// mm on the surface for one px of the coordinate with this gradient.
+double pitch_mm(const Vec3& gradient_px_per_mm, const Vec3& normal) {
+  return 1 / cv::norm(gradient_px_per_mm - normal.dot(gradient_px_per_mm) * normal);
+}
+
+struct SurfacePoint {
+  Vec3 position_mm, normal;
+  double column_pitch_mm = 0, row_pitch_mm = 0;
+  double cos_projector = 0, cos_camera = 0, projector_distance_mm = 0;
+};
+
+std::optional<SurfacePoint> describe_point(const Stereo& stereo, const Stereo::Ray& ray,
+                                           double inverse_per_mm, double by_col, double by_row) {
+  SurfacePoint point;
+  point.position_mm = ray.direction / inverse_per_mm;
+  point.normal = normal_of(ray, inverse_per_mm, by_col, by_row);
+  const auto lit = stereo.project(point.position_mm);
+  if (!lit) return std::nullopt;
+  const Vec3 to_projector = stereo.projector_centre_mm() - point.position_mm;
+  point.projector_distance_mm = cv::norm(to_projector);
+  point.cos_projector = point.normal.dot(to_projector) / point.projector_distance_mm;
+  point.cos_camera = -point.normal.dot(ray.direction) / cv::norm(ray.direction);
+  point.column_pitch_mm = pitch_mm(lit->column_gradient_px_per_mm, point.normal);
+  point.row_pitch_mm = pitch_mm(lit->row_gradient_px_per_mm, point.normal);
+  return point;
+}
+
+void store(const SurfacePoint& point, double sd_mm, int row, int col, Surface& out) {
+  for (std::size_t i = 0; i < 3; ++i) {
+    out.position_mm[i].at(row, col) = static_cast<float>(point.position_mm[static_cast<int>(i)]);
+    out.normal[i].at(row, col) = static_cast<float>(point.normal[static_cast<int>(i)]);
+  }
+  out.column_pitch_mm.at(row, col) = static_cast<float>(point.column_pitch_mm);
+  out.row_pitch_mm.at(row, col) = static_cast<float>(point.row_pitch_mm);
+  out.cos_projector.at(row, col) = static_cast<float>(point.cos_projector);
+  out.cos_camera.at(row, col) = static_cast<float>(point.cos_camera);
+  out.projector_distance_mm.at(row, col) = static_cast<float>(point.projector_distance_mm);
+  out.position_sd_mm.at(row, col) = static_cast<float>(sd_mm);
+}
+
+void finish_pixel(const Stereo& stereo, const RawDepth& raw, const LocalFit& fit,
+                  const SurfaceOptions& options, int row, int col, Surface& out) {
+  std::uint32_t& validity = out.validity.at(row, col);
+  if (validity & kValidityErrors) return;
+  const bool is_smoothed = options.smoothing_radius_mm > 0;
+  const double inverse_per_mm =
+      double{is_smoothed ? fit.inverse_depth_per_mm.at(row, col) : raw.inverse_per_mm.at(row, col)};
+  const auto ray = stereo.ray(row, col);
+  std::optional<SurfacePoint> point;
+  if (inverse_per_mm > 0 && !std::isnan(fit.by_col.at(row, col))) {
+    point = describe_point(stereo, *ray, inverse_per_mm, double{fit.by_col.at(row, col)},
+                           double{fit.by_row.at(row, col)});
+  }
+  if (!point) {
+    validity |= kNoCorrespondence;
+    return;
+  }
+  if (point->cos_projector < options.min_cos_projector) validity |= kGrazingProjector;
+  if (point->cos_camera < options.min_cos_camera) validity |= kGrazingCamera;
+  if (validity & kValidityErrors) return;
+  if (fit.is_near_discontinuity.at(row, col)) validity |= kNearDiscontinuity;
+  const double gain = is_smoothed ? double{fit.noise_gain.at(row, col)} : 1;
+  const double sd_mm = gain * double{raw.relative_sd.at(row, col)} * cv::norm(point->position_mm);
+  store(*point, sd_mm, row, col, out);
+}
+
+Surface empty_surface(const Image<std::uint32_t>& validity) {
+  Surface out;
+  const Image<float> nothing(validity.height_px(), validity.width_px(), 1, kNaN);
+  out.position_mm.fill(nothing);
+  out.normal.fill(nothing);
+  for (Image<float>* image : {&out.column_pitch_mm, &out.row_pitch_mm, &out.cos_projector,
+                              &out.cos_camera, &out.projector_distance_mm, &out.position_sd_mm}) {
+    *image = nothing;
+  }
+  out.validity = validity;
+  return out;
+}
+
+}  // namespace
+
+Surface reconstruct_surface(const Calibration& calibration, const CameraInfo& camera,
+                            const ProjectorInfo& projector, const Correspondence& correspondence,
+                            const SurfaceOptions& options) {
+  check(projector.width_px > 0 && projector.height_px > 0, "a projector without pixels");
+  check(correspondence.validity.height_px() == camera.height_px &&
+            correspondence.validity.width_px() == camera.width_px,
+        "a correspondence of another size than the frames");
+  const Stereo stereo(calibration, camera);
+  Surface out = empty_surface(correspondence.validity);
+  const RawDepth raw = triangulate_image(stereo, correspondence, options, out.validity);
+  const double px_per_mm = camera_px_per_mm(raw, stereo.camera_focal_px());
+  const LocalFit fit = fit_locally({raw.inverse_per_mm.view(), raw.relative_sd.view()},
+                                   fit_options(options, px_per_mm, stereo.camera_focal_px()));
+  for_rows(camera.height_px, [&](int row) {
+    for (int col = 0; col < camera.width_px; ++col) {
+      finish_pixel(stereo, raw, fit, options, row, col, out);
+    }
+  });
+  return out;
+}
+
+}  // namespace estimation
