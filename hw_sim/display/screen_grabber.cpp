@@ -35,6 +35,9 @@ constexpr std::size_t kPictureLimit = 256;
 // would end the process. The answer's absence is handled where it was asked for.
 int ignore_x_error(Display*, XErrorEvent*) { return 0; }
 
+// The same for a server that went away: the display's exit handler is told.
+int ignore_lost_server(Display*) { return 0; }
+
 struct Rectangle {
   int x_px = 0, y_px = 0, width_px = 0, height_px = 0;
   bool operator==(const Rectangle&) const = default;
@@ -197,6 +200,7 @@ rig::Result<void> ScreenGrabber::Eye::connect() {
   XSetErrorHandler(ignore_x_error);
   display_.reset(XOpenDisplay(settings_.display.c_str()));
   if (!display_) return rig::failure(rig::Fault::kNotFound, "no X server at " + settings_.display);
+  XSetIOErrorHandler(ignore_lost_server);
   XSetIOErrorExitHandler(
       display_.get(),
       [](Display*, void* is_gone) { static_cast<std::atomic<bool>*>(is_gone)->store(true); },

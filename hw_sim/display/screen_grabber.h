@@ -16,12 +16,12 @@
 namespace hw_sim {
 
 struct GrabberSettings {
-  std::string display;            // ":3"
+  std::string display{};          // ":3"
   std::string output = "DUMMY1";  // the projector's connector
   double refresh_hz = 60;
   int input_lag_frames = 0;  // refreshes that the projector takes beyond the next one
-  rig::SyncSquareSettings sync_square;
-  PhotodiodeSettings photodiode;
+  rig::SyncSquareSettings sync_square{};
+  PhotodiodeSettings photodiode{};
 };
 
 // A picture drawn between two vertical blanks is lit from the second one on (plus input lag), until

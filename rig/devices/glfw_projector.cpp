@@ -42,6 +42,12 @@ int log_x_error(Display* display, XErrorEvent* error) {
   return 0;
 }
 
+// Xlib's own ends the process, before the display's exit handler is asked.
+int log_lost_server(Display*) {
+  std::fputs("ssrig: projector: the X server went away\n", stderr);
+  return 0;
+}
+
 std::string glfw_error_text() {
   const char* text = nullptr;
   glfwGetError(&text);
@@ -398,6 +404,7 @@ Result<void> GlfwProjector::Window::create() {
     return failure(Fault::kUnsupported, "no OpenGL 3.3 window on monitor " + settings_.monitor +
                                             ": " + glfw_error_text());
   XSetErrorHandler(log_x_error);  // GLFW 3.3 leaves Xlib's own behind
+  XSetIOErrorHandler(log_lost_server);
   // The display's owner is told, instead of the process being ended, when the server dies.
   XSetIOErrorExitHandler(
       glfwGetX11Display(),
