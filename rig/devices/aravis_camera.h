@@ -1,0 +1,49 @@
+// A GigE Vision camera by Aravis. hw_sim has the same interface without wires
+// (hw_sim/devices/sim_camera.h) and a camera for the far end of this one's (hw_sim/gige).
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <vector>
+
+#include "rig/camera.h"
+#include "rig/event.h"
+
+namespace rig {
+
+// Calls as in Camera: from the thread that runs the session. Starts one thread while armed, which
+// checks each buffer and posts it; Aravis has its own for heartbeat and reception.
+//
+// A lost camera (heartbeat, control taken away) posts one DeviceFault{kDeviceLost}; its features
+// are not touched again. disarm() then returns at once, but the destructor waits for Aravis to give
+// up on the dead camera, up to 8 s. disarm() within the 5 s in which a dead camera is not yet known
+// to be lost takes up to 3 s.
+class AravisCamera final : public Camera {
+ public:
+  // Opens, takes control, verifies the serial number, writes and reads back every setting.
+  // `settings.trigger_line` "Software" lets trigger_software() be the trigger. Errors: kNotFound
+  // (no camera answers, or it has another serial number); kAccessDenied (another program controls
+  // it); kUnsupported and kReadBackMismatch, naming the feature; kOutOfRange; kDeviceLost.
+  static Result<std::unique_ptr<AravisCamera>> open(const CameraSettings& settings,
+                                                    EventSink& sink);
+  ~AravisCamera() override;
+
+  const CameraIdentity& identity() const override;
+  Result<void> arm(const std::vector<std::chrono::microseconds>& bracket_exposures,
+                   int frame_count) override;
+  void disarm() noexcept override;
+  Result<CameraCounters> counters() override;
+
+  // Armed: one exposure, now. Errors: kBusy if idle; kUnsupported unless the trigger line is
+  // "Software"; kDeviceLost.
+  Result<void> trigger_software();
+  // What GigE Vision sends in one packet, headers included: as negotiated.
+  int packet_size_bytes() const;
+
+ private:
+  class Impl;
+  explicit AravisCamera(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace rig

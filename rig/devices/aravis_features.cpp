@@ -1,0 +1,188 @@
+#include "rig/devices/aravis_features.h"
+
+#include <arv.h>
+
+#include <cmath>
+#include <cstring>
+
+namespace rig {
+namespace {
+
+Fault fault_of(const GError& error) {
+  if (error.domain == ARV_GC_ERROR)
+    return error.code == ARV_GC_ERROR_ENUM_ENTRY_NOT_FOUND ? Fault::kUnsupported
+                                                           : Fault::kReadBackMismatch;
+  switch (error.code) {
+    case ARV_DEVICE_ERROR_TIMEOUT:
+    case ARV_DEVICE_ERROR_NOT_CONNECTED:
+    case ARV_DEVICE_ERROR_TRANSFER_ERROR:
+      return Fault::kDeviceLost;
+    case ARV_DEVICE_ERROR_NOT_FOUND:
+      return Fault::kNotFound;
+    case ARV_DEVICE_ERROR_FEATURE_NOT_FOUND:
+    case ARV_DEVICE_ERROR_WRONG_FEATURE:
+      return Fault::kUnsupported;
+    case ARV_DEVICE_ERROR_NOT_CONTROLLER:
+    case ARV_DEVICE_ERROR_PROTOCOL_ERROR_ACCESS_DENIED:
+      return Fault::kAccessDenied;
+    case ARV_DEVICE_ERROR_PROTOCOL_ERROR_INVALID_PARAMETER:
+      return Fault::kOutOfRange;
+    default:
+      return Fault::kProtocol;
+  }
+}
+
+template <typename T>
+std::string shown(const T& value) {
+  if constexpr (std::is_same_v<T, std::string>)
+    return value;
+  else if constexpr (std::is_same_v<T, bool>)
+    return value ? "true" : "false";
+  else
+    return std::to_string(value);
+}
+
+template <typename T>
+Result<void> not_taken(const std::string& name, const T& wanted, const T& got) {
+  return failure(Fault::kReadBackMismatch, "camera feature " + name + " was set to " +
+                                               shown(wanted) + " but reads " + shown(got) +
+                                               "; choose a value that the camera takes");
+}
+
+}  // namespace
+
+Result<void> take_error(GError** error, const std::string& what) {
+  if (*error == nullptr) return {};
+  Error taken{fault_of(**error), what + ": " + (*error)->message};
+  g_clear_error(error);
+  return tl::unexpected(std::move(taken));
+}
+
+bool AravisFeatures::has(const std::string& name) const {
+  ArvDevice* device = arv_camera_get_device(camera_);
+  if (arv_device_get_feature(device, name.c_str()) == nullptr) return false;
+  GError* error = nullptr;
+  const bool is_available = arv_device_is_feature_available(device, name.c_str(), &error) != 0;
+  g_clear_error(&error);
+  return is_available;
+}
+
+bool AravisFeatures::has_entry(const std::string& name, const std::string& entry) const {
+  if (!has(name)) return false;
+  GError* error = nullptr;
+  guint count = 0;
+  const char** entries =
+      arv_camera_dup_available_enumerations_as_strings(camera_, name.c_str(), &count, &error);
+  g_clear_error(&error);
+  bool is_found = false;
+  for (guint i = 0; entries != nullptr && i < count; ++i)
+    is_found = is_found || entry == entries[i];
+  g_free(entries);
+  return is_found;
+}
+
+Result<void> AravisFeatures::require(const std::string& name) const {
+  if (has(name)) return {};
+  return failure(Fault::kUnsupported, "the camera has no feature " + name);
+}
+
+Result<std::string> AravisFeatures::text(const std::string& name) const {
+  if (auto found = require(name); !found) return tl::unexpected(found.error());
+  GError* error = nullptr;
+  const char* value = arv_camera_get_string(camera_, name.c_str(), &error);
+  if (auto read = take_error(&error, "reading " + name); !read) return tl::unexpected(read.error());
+  return std::string(value == nullptr ? "" : value);
+}
+
+Result<std::int64_t> AravisFeatures::integer(const std::string& name) const {
+  if (auto found = require(name); !found) return tl::unexpected(found.error());
+  GError* error = nullptr;
+  const std::int64_t value = arv_camera_get_integer(camera_, name.c_str(), &error);
+  if (auto read = take_error(&error, "reading " + name); !read) return tl::unexpected(read.error());
+  return value;
+}
+
+Result<double> AravisFeatures::number(const std::string& name) const {
+  if (auto found = require(name); !found) return tl::unexpected(found.error());
+  GError* error = nullptr;
+  const double value = arv_camera_get_float(camera_, name.c_str(), &error);
+  if (auto read = take_error(&error, "reading " + name); !read) return tl::unexpected(read.error());
+  return value;
+}
+
+Result<std::pair<double, double>> AravisFeatures::number_bounds(const std::string& name) const {
+  if (auto found = require(name); !found) return tl::unexpected(found.error());
+  GError* error = nullptr;
+  std::pair<double, double> bounds;
+  arv_camera_get_float_bounds(camera_, name.c_str(), &bounds.first, &bounds.second, &error);
+  if (auto read = take_error(&error, "reading the bounds of " + name); !read)
+    return tl::unexpected(read.error());
+  return bounds;
+}
+
+Result<std::pair<std::int64_t, std::int64_t>> AravisFeatures::integer_bounds(
+    const std::string& name) const {
+  if (auto found = require(name); !found) return tl::unexpected(found.error());
+  GError* error = nullptr;
+  gint64 least = 0;
+  gint64 greatest = 0;
+  arv_camera_get_integer_bounds(camera_, name.c_str(), &least, &greatest, &error);
+  if (auto read = take_error(&error, "reading the bounds of " + name); !read)
+    return tl::unexpected(read.error());
+  return std::pair<std::int64_t, std::int64_t>(least, greatest);
+}
+
+Result<void> AravisFeatures::set_text(const std::string& name, const std::string& value) const {
+  if (auto found = require(name); !found) return found;
+  GError* error = nullptr;
+  arv_camera_set_string(camera_, name.c_str(), value.c_str(), &error);
+  if (auto written = take_error(&error, "setting " + name + " to " + value); !written)
+    return written;
+  const Result<std::string> got = text(name);
+  if (!got) return tl::unexpected(got.error());
+  return *got == value ? Result<void>{} : not_taken(name, value, *got);
+}
+
+Result<void> AravisFeatures::set_integer(const std::string& name, std::int64_t value) const {
+  if (auto found = require(name); !found) return found;
+  GError* error = nullptr;
+  arv_camera_set_integer(camera_, name.c_str(), value, &error);
+  if (auto written = take_error(&error, "setting " + name + " to " + std::to_string(value));
+      !written)
+    return written;
+  const Result<std::int64_t> got = integer(name);
+  if (!got) return tl::unexpected(got.error());
+  return *got == value ? Result<void>{} : not_taken(name, value, *got);
+}
+
+Result<void> AravisFeatures::set_flag(const std::string& name, bool value) const {
+  if (auto found = require(name); !found) return found;
+  GError* error = nullptr;
+  arv_camera_set_boolean(camera_, name.c_str(), value ? TRUE : FALSE, &error);
+  if (auto written = take_error(&error, "setting " + name); !written) return written;
+  const bool got = arv_camera_get_boolean(camera_, name.c_str(), &error) != FALSE;
+  if (auto read = take_error(&error, "reading " + name); !read) return read;
+  return got == value ? Result<void>{} : not_taken(name, value, got);
+}
+
+Result<void> AravisFeatures::set_number(const std::string& name, double value,
+                                        double tolerance) const {
+  if (auto found = require(name); !found) return found;
+  GError* error = nullptr;
+  arv_camera_set_float(camera_, name.c_str(), value, &error);
+  if (auto written = take_error(&error, "setting " + name + " to " + std::to_string(value));
+      !written)
+    return written;
+  const Result<double> got = number(name);
+  if (!got) return tl::unexpected(got.error());
+  return std::abs(*got - value) <= tolerance ? Result<void>{} : not_taken(name, value, *got);
+}
+
+Result<void> AravisFeatures::execute(const std::string& name) const {
+  if (auto found = require(name); !found) return found;
+  GError* error = nullptr;
+  arv_camera_execute_command(camera_, name.c_str(), &error);
+  return take_error(&error, "executing " + name);
+}
+
+}  // namespace rig

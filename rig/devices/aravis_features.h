@@ -1,0 +1,47 @@
+// GenICam features as Results: every write is read back. Internal to aravis_camera.cpp.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <utility>
+
+#include "rig/fault.h"
+
+struct _ArvCamera;
+struct _GError;
+
+namespace rig {
+
+// Takes what an Aravis call reported, if anything; `what` names the call.
+Result<void> take_error(_GError** error, const std::string& what);
+
+// Borrows the camera. Every call is a round trip on the network, 2.5 s when the camera is dead.
+// Errors of all: kUnsupported (no such feature, or no such value of it), kReadBackMismatch,
+// kAccessDenied, kDeviceLost, kProtocol; each names the feature.
+class AravisFeatures {
+ public:
+  explicit AravisFeatures(_ArvCamera* camera) : camera_(camera) {}
+
+  bool has(const std::string& name) const;
+  bool has_entry(const std::string& name, const std::string& entry) const;
+
+  Result<std::string> text(const std::string& name) const;
+  Result<std::int64_t> integer(const std::string& name) const;
+  Result<double> number(const std::string& name) const;
+  // Least and greatest value.
+  Result<std::pair<double, double>> number_bounds(const std::string& name) const;
+  Result<std::pair<std::int64_t, std::int64_t>> integer_bounds(const std::string& name) const;
+
+  Result<void> set_text(const std::string& name, const std::string& value) const;
+  Result<void> set_integer(const std::string& name, std::int64_t value) const;
+  Result<void> set_flag(const std::string& name, bool value) const;
+  // The camera may round to `tolerance`.
+  Result<void> set_number(const std::string& name, double value, double tolerance) const;
+  Result<void> execute(const std::string& name) const;
+
+ private:
+  Result<void> require(const std::string& name) const;
+  _ArvCamera* camera_;
+};
+
+}  // namespace rig
