@@ -54,6 +54,8 @@ float weighted_mean(const Image<float>& map, const Neighbours& near) {
 
 void fill_between_sites(const CameraInfo& camera, int band,
                         ImageView<const std::uint32_t> pixel_validity, BandFit& fit) {
+  const ColorFilter filter = camera.pixel_format.filter;
+  if (filter == ColorFilter::kMono || filter == ColorFilter::kRgb) return;  // every pixel is a site
   tbb::parallel_for(0, camera.height_px, [&](int row) {
     for (int col = 0; col < camera.width_px; ++col) {
       if (band_at(camera, row, col) == band) continue;

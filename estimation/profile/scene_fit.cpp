@@ -1,0 +1,237 @@
+#include "estimation/profile/scene_fit.h"
+
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "estimation/profile/lut_fit.h"
+#include "estimation/profile/profile_match.h"
+
+namespace estimation {
+namespace {
+
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+
+constexpr std::size_t kPilotCount = 4000;  // sites that tell the range the scene occupies
+constexpr double kReflectanceMargin = 0.05;
+constexpr double kTranslucencyMargin = 1.5;
+// The stripes must move a pixel by this many standard deviations of its noise, all shifts together.
+constexpr double kLeastContrastSd = 10;
+// A residual beyond this multiple of the noise, and this share of the mean, is not noise.
+constexpr double kPoorFitNoise = 4;
+constexpr double kPoorFitFrac = 0.03;
+
+struct Site {
+  int row, col;
+};
+
+int channel_of(const CameraInfo& camera, int band) {
+  return camera.pixel_format.filter == ColorFilter::kRgb ? band : 0;
+}
+
+bool is_site(const CameraInfo& camera, int band, int row, int col) {
+  return band_at(camera, row, col, channel_of(camera, band)) == band;
+}
+
+// One pixel at a time from the images' signals to its parameters. One per task.
+class SiteFitter {
+ public:
+  SiteFitter(const CameraInfo& camera, const BandRadiometry& radiometry, const StripeSet& stripes,
+             std::span<const ImageView<const float>> signals, const SceneGeometry& geometry,
+             const HarmonicTransfer& transfer, int greatest_harmonic_count)
+      : radiometry_(radiometry),
+        stripes_(stripes),
+        signals_(signals),
+        geometry_(geometry),
+        transfer_(transfer),
+        channel_(channel_of(camera, radiometry.band)),
+        matcher_(stripes, greatest_harmonic_count),
+        samples_(signals.size()),
+        contrast_(static_cast<std::size_t>(greatest_harmonic_count), 1.0F) {}
+
+  // Tries the tables in turn until one holds the material.
+  LutFit fit(Site site, std::span<const ProfileTable* const> tables) {
+    if (const std::uint32_t reason = load(site); reason != 0) return {.validity = reason};
+    LutFit result;
+    for (const ProfileTable* table : tables) {
+      result = fit_with_table(matcher_, *table, radiometry_.projector_black_frac);
+      if (result.validity == 0) break;
+    }
+    if (result.validity == 0 && is_poor(result)) result.validity |= kPoorFit;
+    return result;
+  }
+
+ private:
+  // Returns the reason if there is nothing to fit.
+  std::uint32_t load(Site site) {
+    double sum = 0;
+    for (std::size_t i = 0; i < signals_.size(); ++i) {
+      samples_[i] = static_cast<double>(signals_[i].at(site.row, site.col, channel_));
+      sum += samples_[i];
+    }
+    if (!std::isfinite(sum)) return kSaturated;
+    const double mean = sum / static_cast<double>(samples_.size());
+    noise_variance_ = variance_at(radiometry_.noise, mean);
+    double contrast = 0;
+    for (const double sample : samples_) contrast += (sample - mean) * (sample - mean);
+    if (!(mean > 0) || contrast < kLeastContrastSd * kLeastContrastSd * noise_variance_)
+      return kTooDark;
+    noise_frac_ = std::sqrt(noise_variance_) / mean;
+    const double full =
+        radiometry_.signal_per_us * static_cast<double>(geometry_.gain.at(site.row, site.col));
+    for (double& sample : samples_) sample /= full;
+    if (!transfer_.is_perfect())
+      transfer_.at(site.row, site.col, radiometry_.band,
+                   static_cast<double>(geometry_.projector_distance_mm.at(site.row, site.col)),
+                   stripes_.shape.period_px, contrast_);
+    matcher_.load(samples_, static_cast<double>(geometry_.position_px.at(site.row, site.col)),
+                  contrast_);
+    return 0;
+  }
+
+  bool is_poor(const LutFit& fit) const {
+    return fit.rms_residual > kPoorFitNoise * noise_frac_ && fit.rms_residual > kPoorFitFrac;
+  }
+
+  const BandRadiometry& radiometry_;
+  const StripeSet& stripes_;
+  std::span<const ImageView<const float>> signals_;
+  const SceneGeometry& geometry_;
+  const HarmonicTransfer& transfer_;
+  int channel_;
+  ProfileMatcher matcher_;
+  std::vector<double> samples_;
+  std::vector<float> contrast_;
+  double noise_variance_ = 0;  // of a sample at the mean, (DN/us)^2
+  double noise_frac_ = 0;      // its root over the mean
+};
+
+// Evenly chosen valid sites, in image order.
+std::vector<Site> pilot_sites(const CameraInfo& camera, int band, const SceneGeometry& geometry) {
+  std::vector<Site> all;
+  for (int row = 0; row < camera.height_px; ++row)
+    for (int col = 0; col < camera.width_px; ++col)
+      if (is_site(camera, band, row, col) &&
+          (geometry.validity.at(row, col) & kValidityErrors) == 0)
+        all.push_back({row, col});
+  const std::size_t step = std::max<std::size_t>(1, all.size() / kPilotCount);
+  std::vector<Site> chosen;
+  for (std::size_t i = 0; i < all.size(); i += step) chosen.push_back(all[i]);
+  return chosen;
+}
+
+// The range that the fits occupy, with a margin; nullopt if none succeeded.
+std::optional<TableRange> occupied_range(std::span<const LutFit> fits, const TableRange& limits) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  TableRange range{kInfinity, -kInfinity, kInfinity, -kInfinity};
+  for (const LutFit& fit : fits) {
+    if ((fit.validity & kValidityErrors) != 0) continue;
+    range.least_reflectance = std::min(range.least_reflectance, fit.diffuse_reflectance);
+    range.greatest_reflectance = std::max(range.greatest_reflectance, fit.diffuse_reflectance);
+    range.least_translucency_px = std::min(range.least_translucency_px, fit.translucency_px);
+    range.greatest_translucency_px = std::max(range.greatest_translucency_px, fit.translucency_px);
+  }
+  if (!(range.least_reflectance <= range.greatest_reflectance)) return std::nullopt;
+  return TableRange{
+      .least_reflectance =
+          std::max(range.least_reflectance - kReflectanceMargin, limits.least_reflectance),
+      .greatest_reflectance =
+          std::min(range.greatest_reflectance + kReflectanceMargin, limits.greatest_reflectance),
+      .least_translucency_px =
+          std::max(range.least_translucency_px / kTranslucencyMargin, limits.least_translucency_px),
+      .greatest_translucency_px = std::min(range.greatest_translucency_px * kTranslucencyMargin,
+                                           limits.greatest_translucency_px)};
+}
+
+BandFit empty_fit(const CameraInfo& camera, const SceneGeometry& geometry) {
+  BandFit fit{.diffuse_reflectance = Image<float>(camera.height_px, camera.width_px, 1, kNan),
+              .translucency_px = {},
+              .indirect = {},
+              .validity = Image<std::uint32_t>(camera.height_px, camera.width_px)};
+  for (int row = 0; row < camera.height_px; ++row)
+    std::copy_n(geometry.validity.row(row).begin(), camera.width_px,
+                fit.validity.view().row(row).begin());
+  return fit;
+}
+
+}  // namespace
+
+BandFit fit_band(const CameraInfo& camera, const BandRadiometry& radiometry,
+                 const StripeSet& stripes, std::span<const ImageView<const float>> signals,
+                 const SceneGeometry& geometry, const HarmonicTransfer& transfer,
+                 const ScatteringModel& model, const ProfileTable& wide) {
+  const auto fitter = [&] {
+    return SiteFitter(camera, radiometry, stripes, signals, geometry, transfer,
+                      wide.greatest_harmonic_count());
+  };
+  const std::vector<Site> pilot = pilot_sites(camera, radiometry.band, geometry);
+  std::vector<LutFit> pilot_fits(pilot.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, pilot.size(), 256), [&](const auto& range) {
+    SiteFitter fit_site = fitter();
+    const ProfileTable* tables[] = {&wide};
+    for (std::size_t i = range.begin(); i != range.end(); ++i)
+      pilot_fits[i] = fit_site.fit(pilot[i], tables);
+  });
+  const std::optional<TableRange> range = occupied_range(pilot_fits, wide.range());
+  std::optional<ProfileTable> own;
+  if (range) own.emplace(model, stripes.shape, *range);
+  std::vector<const ProfileTable*> tables;
+  if (own) tables.push_back(&*own);
+  tables.push_back(&wide);
+
+  BandFit fit = empty_fit(camera, geometry);
+  fit.translucency_px = fit.diffuse_reflectance;
+  fit.indirect = fit.diffuse_reflectance;
+  tbb::parallel_for(tbb::blocked_range<int>(0, camera.height_px), [&](const auto& rows) {
+    SiteFitter fit_site = fitter();
+    for (int row = rows.begin(); row != rows.end(); ++row)
+      for (int col = 0; col < camera.width_px; ++col) {
+        if (!is_site(camera, radiometry.band, row, col)) continue;
+        if ((geometry.validity.at(row, col) & kValidityErrors) != 0) continue;
+        const LutFit found = fit_site.fit({row, col}, tables);
+        fit.validity.at(row, col) |= found.validity;
+        if ((found.validity & kValidityErrors) != 0) continue;
+        fit.diffuse_reflectance.at(row, col) = static_cast<float>(found.diffuse_reflectance);
+        fit.translucency_px.at(row, col) = static_cast<float>(found.translucency_px);
+        fit.indirect.at(row, col) = static_cast<float>(found.indirect);
+      }
+  });
+  fill_between_sites(camera, radiometry.band, geometry.validity, fit);
+  return fit;
+}
+
+BandFit reflectance_of_band(const CameraInfo& camera, const BandRadiometry& radiometry,
+                            ImageView<const float> fully_lit, const SceneGeometry& geometry) {
+  BandFit fit = empty_fit(camera, geometry);
+  const int channel = channel_of(camera, radiometry.band);
+  tbb::parallel_for(0, camera.height_px, [&](int row) {
+    for (int col = 0; col < camera.width_px; ++col) {
+      if (!is_site(camera, radiometry.band, row, col)) continue;
+      std::uint32_t& validity = fit.validity.at(row, col);
+      if ((validity & kValidityErrors) != 0) continue;
+      const double signal = static_cast<double>(fully_lit.at(row, col, channel));
+      const double noise_sd = std::sqrt(variance_at(radiometry.noise, signal));
+      const double reflectance =
+          signal / (1 + radiometry.projector_black_frac) /
+          (radiometry.signal_per_us * static_cast<double>(geometry.gain.at(row, col)));
+      if (!std::isfinite(signal))
+        validity |= kSaturated;
+      else if (signal < kLeastContrastSd * noise_sd)
+        validity |= kTooDark;
+      else if (!(reflectance > 0 && reflectance <= 1))
+        validity |= kOutsideModel;
+      if ((validity & kValidityErrors) != 0) continue;
+      validity |= kIndirectFixedAtZero;
+      fit.diffuse_reflectance.at(row, col) = static_cast<float>(reflectance);
+    }
+  });
+  fill_between_sites(camera, radiometry.band, geometry.validity, fit);
+  return fit;
+}
+
+}  // namespace estimation
