@@ -293,6 +293,10 @@ void Ledger::spoil_showing() {
   if (!showings_.empty()) showings_.back().is_spoiled = true;
 }
 
+bool Ledger::is_showing_spoiled() const {
+  return !showings_.empty() && showings_.back().is_spoiled;
+}
+
 int Ledger::awaited_count() const {
   return static_cast<int>(std::count_if(pulses_.begin(), pulses_.end(), [](const Pulse& pulse) {
     return pulse.wait == Wait::kAwaited;

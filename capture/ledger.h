@@ -121,6 +121,7 @@ class Ledger {
   bool is_showing_over() const;  // all its pulses have ended
   // Gives up on the showing under way: none of its frames will count.
   void spoil_showing();
+  bool is_showing_spoiled() const;
 
   // Frames still awaited, of all showings or of those before the last.
   int awaited_count() const;

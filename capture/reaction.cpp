@@ -15,7 +15,7 @@ Reaction reaction_to(Incident incident, rig::Bracketing bracketing) {
     case Incident::kEdgeBeforeFlip:
     case Incident::kEdgeOutOfOrder:
     case Incident::kPulseOutOfOrder:
-    case Incident::kTriggerDataLost:
+    case Incident::kDataLost:
       return Reaction::kRestart;  // pulse numbers can no longer be trusted
     case Incident::kEdgeDuringExposure:
       return Reaction::kRetake;
@@ -42,7 +42,9 @@ Reaction reaction_to(Incident incident, rig::Bracketing bracketing) {
 Incident incident_of(rig::Fault fault) {
   switch (fault) {
     case rig::Fault::kSequenceGap:
-      return Incident::kTriggerDataLost;
+    case rig::Fault::kTimeout:   // an answer or a heartbeat came late: a lost device says so
+    case rig::Fault::kProtocol:  // a read failed and was repeated
+      return Incident::kDataLost;
     case rig::Fault::kTriggerIgnored:
       return Incident::kEdgeDuringExposure;
     case rig::Fault::kFrameIncomplete:
@@ -51,7 +53,6 @@ Incident incident_of(rig::Fault fault) {
     case rig::Fault::kDeviceLost:
     case rig::Fault::kDisplayChanged:
     case rig::Fault::kNotFound:
-    case rig::Fault::kTimeout:
       return Incident::kDeviceLost;
     case rig::Fault::kAccessDenied:
     case rig::Fault::kBusy:
@@ -59,7 +60,6 @@ Incident incident_of(rig::Fault fault) {
     case rig::Fault::kReadBackMismatch:
     case rig::Fault::kUnsupported:
     case rig::Fault::kCancelled:
-    case rig::Fault::kProtocol:
     case rig::Fault::kTimingUnstable:
     case rig::Fault::kConfiguration:
       return Incident::kDeviceRefused;
@@ -99,8 +99,8 @@ std::string_view to_string(Incident incident) {
       return "frame duplicate";
     case Incident::kFrameLate:
       return "frame late";
-    case Incident::kTriggerDataLost:
-      return "trigger data lost";
+    case Incident::kDataLost:
+      return "device data lost";
     case Incident::kDeviceRefused:
       return "device refused";
     case Incident::kDeviceLost:

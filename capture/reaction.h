@@ -25,7 +25,7 @@ enum class Incident {
   kFrameUnexpected,     // its number belongs to no pulse
   kFrameDuplicate,      // a second frame of one pulse
   kFrameLate,           // after its deadline, when a retake was already on its way
-  kTriggerDataLost,     // the trigger box's records have a gap
+  kDataLost,            // a device's own account has a gap, or came late
   kDeviceRefused,       // a device did not take a command
   kDeviceLost,          // a device is gone, or is not what it was
   kStorage              // a frame could not be stored

@@ -49,7 +49,7 @@ std::string_view remedy(Incident incident) {
       return "shade the photodiode from other light, or lengthen trigger.debounce";
     case Incident::kPulseMissing:
     case Incident::kPulseOutOfOrder:
-    case Incident::kTriggerDataLost:
+    case Incident::kDataLost:
       return "plug the trigger box straight into the host";
     case Incident::kFrameMissing:
     case Incident::kFrameUnexpected:
@@ -99,6 +99,7 @@ class Turn {
   void take(const Armed&) {
     if (!std::holds_alternative<Arming>(state().phase)) return;
     ledger().start_run();
+    state().is_priming_retaken = false;
     state().phase = Collecting{};  // nothing is awaited yet: proceed() shows the priming
   }
   void take(const CommandRefused& refused) { take_device_error(refused.device, refused.error); }
@@ -109,8 +110,7 @@ class Turn {
       take_device_error(fault.device, fault.error);
   }
   void take(const StorageFailed& failed) {
-    fail({Incident::kStorage, ledger().showing_pattern(), kNoBracket, failed.text}, std::nullopt,
-         failed.text);
+    react({{Incident::kStorage, ledger().showing_pattern(), kNoBracket, failed.text}});
   }
   void take(const rig::PictureShown& shown) {
     if (const auto* darkening = std::get_if<Darkening>(&state().phase)) {
@@ -144,10 +144,12 @@ class Turn {
     if (is_over(state().phase)) return;
     const Finding finding{incident_of(error.fault), ledger().showing_pattern(), kNoBracket,
                           error.detail};
-    if (reaction_to(finding.incident, rules_.bracketing) == Reaction::kFail)
+    if (reaction_to(finding.incident, rules_.bracketing) == Reaction::kFail) {
+      step_.reacted.push_back({finding, Reaction::kFail});
       fail(finding, device, std::string(to_string(device)) + ": " + error.detail);
-    else
+    } else {
       react({finding});
+    }
   }
 
   void judge_frames() {
@@ -201,19 +203,16 @@ class Turn {
   void react(const Findings& findings) {
     for (const Finding& finding : findings) {
       if (is_over(state().phase)) return;
-      const Reaction reaction = reaction_to(finding.incident, rules_.bracketing);
       ledger().note(finding);
+      const Reaction reaction = reaction_here(finding);
+      step_.reacted.push_back({finding, reaction});
       switch (reaction) {
         case Reaction::kIgnore:
-          step_.reacted.push_back({finding, reaction});
           break;
         case Reaction::kRetake:
-          if (finding.bracket == kNoBracket) ledger().spoil_showing();
-          if (count_retake(finding)) put_back(finding.pattern);
-          step_.reacted.push_back({finding, reaction});
+          if (count_retake(finding)) retake(finding);
           break;
         case Reaction::kRestart:
-          step_.reacted.push_back({finding, reaction});
           if (count_retake(finding)) restart();
           return;  // the other findings were of the run that has just ended
         case Reaction::kFail:
@@ -223,12 +222,33 @@ class Turn {
     }
   }
 
+  // The table, but for two things: a showing that is to be retaken anyhow is not retaken twice, and
+  // a priming that fails twice in a run means that camera and box do not count alike.
+  Reaction reaction_here(const Finding& finding) {
+    const Reaction reaction = reaction_to(finding.incident, rules_.bracketing);
+    if (reaction != Reaction::kRetake) return reaction;
+    if (finding.pattern == kPrimePattern) {
+      if (ledger().is_showing_spoiled()) return Reaction::kIgnore;
+      return state().is_priming_retaken ? Reaction::kRestart : Reaction::kRetake;
+    }
+    return is_queued(finding.pattern) ? Reaction::kIgnore : Reaction::kRetake;
+  }
+
+  bool is_queued(int pattern) {
+    return std::find(state().queue.begin(), state().queue.end(), pattern) != state().queue.end();
+  }
+
+  void retake(const Finding& finding) {
+    if (finding.bracket == kNoBracket || finding.pattern == kPrimePattern)
+      ledger().spoil_showing();  // none of its frames can count
+    if (finding.pattern == kPrimePattern)
+      state().is_priming_retaken = true;  // proceed() primes until it has succeeded
+    else
+      state().queue.push_front(finding.pattern);
+  }
+
   // False, and the capture fails, when the pattern has been retaken often enough.
   bool count_retake(const Finding& finding) {
-    const bool is_queued = std::find(state().queue.begin(), state().queue.end(), finding.pattern) !=
-                           state().queue.end();
-    const bool is_restart = reaction_to(finding.incident, rules_.bracketing) == Reaction::kRestart;
-    if (is_queued && !is_restart) return true;  // another bracket of the same showing
     int& count = state().retake_counts[static_cast<std::size_t>(finding.pattern + 1)];
     if (count < rules_.retake_limit) {
       ++count;
@@ -243,12 +263,6 @@ class Turn {
     return false;
   }
 
-  void put_back(int pattern) {
-    if (pattern == kPrimePattern) return;  // proceed() primes until it has succeeded
-    if (std::find(state().queue.begin(), state().queue.end(), pattern) == state().queue.end())
-      state().queue.push_front(pattern);
-  }
-
   void restart() {
     ++state().restart_count;
     step_.actions.push_back(Disarm{});
@@ -257,8 +271,6 @@ class Turn {
 
   void fail(const Finding& finding, std::optional<rig::Device> device, std::string text) {
     if (is_over(state().phase)) return;
-    ledger().note(finding);
-    step_.reacted.push_back({finding, Reaction::kFail});
     Failure failure{finding.incident, device, {}, std::move(text)};
     for (const Slot& slot : ledger().slots())
       if (!slot.evidence && slot.last_incident) failure.slots.push_back(slot.id);
@@ -357,7 +369,8 @@ Sequence::Sequence(SequenceRules rules, std::vector<int> order)
 SequenceState Sequence::initial() const {
   const int pattern_count = static_cast<int>(order_.size());
   SequenceState state{
-      Idle{}, Ledger(rules_.ledger, pattern_count), {}, {}, 0, 0, 1, false, Outcome::kFailed, {}};
+      Idle{}, Ledger(rules_.ledger, pattern_count), {}, {}, 0, 0, 1, false, false, Outcome::kFailed,
+      {}};
   state.retake_counts.assign(static_cast<std::size_t>(pattern_count) + 1, 0);
   return state;
 }

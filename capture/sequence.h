@@ -110,14 +110,15 @@ std::string_view name_of(const Phase& phase);
 struct SequenceState {
   Phase phase;
   Ledger ledger;
-  std::deque<int> queue;           // patterns still to show, next first
-  std::vector<int> retake_counts;  // [pattern + 1]; the first is the priming's
+  std::deque<int> queue{};           // patterns still to show, next first
+  std::vector<int> retake_counts{};  // [pattern + 1]; the first is the priming's
   int restart_count = 0;
   std::uint32_t run_id = 0;  // of the latest arming
   std::uint64_t next_show_id = 1;
   bool is_square_light = false;
+  bool is_priming_retaken = false;     // in this run
   Outcome outcome = Outcome::kFailed;  // once Blackening or Ended
-  std::optional<Failure> failure;
+  std::optional<Failure> failure{};
 };
 
 // What the runner is to do, in order.

@@ -12,7 +12,7 @@ namespace hw_sim {
 // happens once and its retake is spared.
 struct SimFaults {
   std::set<std::uint64_t> late_flips;       // shows whose light comes `flip_delay` late
-  std::set<std::uint64_t> missed_edges;     // changes of the square that the photodiode misses
+  std::set<std::uint64_t> missed_edges;     // changes of the square unseen until the next picture
   std::set<std::uint64_t> light_flashes;    // trains during which the photodiode sees a flash
   std::set<std::uint64_t> dropped_pulses;   // raised by the box, never seen by the camera
   std::set<std::uint64_t> dropped_frames;   // exposed, lost on the way

@@ -72,9 +72,10 @@ std::optional<std::vector<std::uint8_t>> SimTrigger::request(
 }
 
 void SimTrigger::square(bool is_light) {
-  if (is_light == is_square_light_) return;
+  const bool is_change = is_light != is_square_light_;
   is_square_light_ = is_light;
-  if (!faults_.missed_edges.contains(++change_count_)) light(is_light);
+  if (is_change && faults_.missed_edges.contains(++change_count_)) return;
+  light(is_light);
 }
 
 void SimTrigger::light(bool is_light) {

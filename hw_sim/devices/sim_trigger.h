@@ -30,7 +30,7 @@ class SimTrigger final : public rig::Trigger {
   void disarm() noexcept override;
   rig::Result<rig::TriggerCounters> counters() override;
 
-  // What the photodiode sees now. Nothing happens where that is what it saw before.
+  // The square of the picture whose light begins now.
   void square(bool is_light);
 
  private:
