@@ -34,7 +34,7 @@ struct CorrespondenceOptions {
   // percentile of all pixels' modulations (stray light at the far wall is not the subject).
   double min_modulation_sd = 5;
   double min_modulation_frac = 0.005;
-  double max_sd_px = 0.5;  // a coarser phase is "too dark"; Gray code alone is exempt
+  double max_sd_px = 1;  // a coarser phase is "too dark"; Gray code alone is exempt
   // What optics and skin blur at the very least, projector px: decides how far a pattern's upper
   // harmonics can mislead a phase sampled at few shifts.
   double least_blur_px = 1;

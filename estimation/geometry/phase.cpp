@@ -10,7 +10,7 @@ namespace estimation {
 namespace {
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
-constexpr int kMaxHarmonics = 6;
+constexpr int kMaxHarmonics = 12;
 // Smallest singular value over the largest: 8 of 40 neighbouring shifts pass with one harmonic,
 // three adjacent ones of 40 do not.
 constexpr double kMinCondition = 0.02;
@@ -57,24 +57,30 @@ std::vector<double> harmonic_amplitudes(const PhaseFamily& family, double blur_p
 
 double aliasing_rms_px(const PhaseFamily& family, const std::vector<int>& indices,
                        const Demodulation& weights, double blur_px) {
+  using Complex = std::complex<double>;
   const std::vector<double> amplitudes = harmonic_amplitudes(family, blur_px);
+  // What the weights make of exp(i n a) and exp(-i n a), a the coordinate's angle.
+  std::vector<Complex> forward(amplitudes.size()), backward(amplitudes.size());
+  for (const int index : indices) {
+    const auto k = static_cast<std::size_t>(index);
+    const Complex weight(double{weights.cosine[k]}, double{weights.sine[k]});
+    const Complex turn = std::polar(1.0, kTwoPi * family.shift_px[k] / family.period_px);
+    Complex power = turn;
+    for (std::size_t n = 0; n < amplitudes.size(); ++n, power *= turn) {
+      forward[n] += weight * std::conj(power) * (amplitudes[n] / 2);
+      backward[n] += weight * power * (amplitudes[n] / 2);
+    }
+  }
   // A prime number of coordinates over one period: in step with no set of shifts.
   constexpr int kCoordinateCount = 101;
   double sum = 0;
   for (int i = 0; i < kCoordinateCount; ++i) {
-    const double true_rad = kTwoPi * i / kCoordinateCount;
-    std::complex<double> harmonic = 0;
-    for (const int index : indices) {
-      const auto k = static_cast<std::size_t>(index);
-      double sample = 0;
-      for (std::size_t n = 1; n <= amplitudes.size(); ++n) {
-        const double shift_rad = kTwoPi * family.shift_px[k] / family.period_px;
-        sample += amplitudes[n - 1] * std::cos(static_cast<double>(n) * (true_rad - shift_rad));
-      }
-      harmonic += sample * std::complex<double>(static_cast<double>(weights.cosine[k]),
-                                                static_cast<double>(weights.sine[k]));
+    const Complex turn = std::polar(1.0, kTwoPi * i / kCoordinateCount);
+    Complex power = turn, harmonic = 0;
+    for (std::size_t n = 0; n < amplitudes.size(); ++n, power *= turn) {
+      harmonic += forward[n] * power + backward[n] * std::conj(power);
     }
-    const double error_rad = std::arg(harmonic * std::polar(1.0, -true_rad));
+    const double error_rad = std::arg(harmonic * std::conj(turn));
     sum += error_rad * error_rad;
   }
   return std::sqrt(sum / kCoordinateCount) * family.period_px / kTwoPi;
@@ -83,8 +89,7 @@ double aliasing_rms_px(const PhaseFamily& family, const std::vector<int>& indice
 double noise_px(const PhaseFamily& family, const Demodulation& weights) {
   double sum = 0;
   for (std::size_t i = 0; i < weights.cosine.size(); ++i) {
-    sum += std::pow(static_cast<double>(weights.cosine[i]), 2) +
-           std::pow(static_cast<double>(weights.sine[i]), 2);
+    sum += std::pow(double{weights.cosine[i]}, 2) + std::pow(double{weights.sine[i]}, 2);
   }
   return kTypicalNoise * std::sqrt(sum / 2) * family.period_px / kTwoPi;
 }

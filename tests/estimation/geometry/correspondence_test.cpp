@@ -147,8 +147,10 @@ TEST(Correspondence, AnyNumberOfBitsOnAnyProjector) {
                         {1024, 12, 40, 8, 5}}) {
     SCOPED_TRACE(::testing::Message() << c.width_px << " columns, period " << c.period_px);
     SyntheticScene scene = slanted_scene();
-    const double step = (c.width_px - 1.0) / scene.width_px;
-    scene.column_px = [=](int row, int col) { return step * (col + 0.005 * row); };
+    scene.projector_width_px = c.width_px;
+    // Beside the projector's border there is no light to complete the stripes: keep 6 px away.
+    const double step = (c.width_px - 13.0) / scene.width_px;
+    scene.column_px = [=](int row, int col) { return 6 + step * (col + 0.005 * row); };
     std::vector<PatternKind> kinds;
     add_gray(kinds, Axis::kColumn, c.bits - 1, 0);
     add_stripes(kinds, Axis::kColumn, c.period_px, c.stripe_px, c.step_px);
@@ -192,8 +194,9 @@ TEST(Correspondence, MissingHighBitsAreReportedAndNotGuessed) {
   EXPECT_EQ(columns.outlier_count, 0);
 }
 
-TEST(Correspondence, TopBitMissingOnASmallProjectorIsUnambiguous) {
+TEST(Correspondence, WithoutTheTopBitOnlyMirroredColumnsAreLostAndSaid) {
   SyntheticScene scene = slanted_scene();
+  scene.projector_width_px = 500;
   scene.column_px = [](int row, int col) { return 2.0 * col + 0.3 * row; };
   std::vector<PatternKind> kinds;
   add_gray(kinds, Axis::kColumn, 7, 0);
@@ -201,8 +204,11 @@ TEST(Correspondence, TopBitMissingOnASmallProjectorIsUnambiguous) {
   const SyntheticFrames frames(scene, kinds);
   const auto found = decode_correspondence(frames.signals(), ProjectorInfo{500, 300, {}}, {});
   const Errors columns = errors_of(found.column_px, found.column_sd_px, scene.column_px);
-  EXPECT_GT(valid_frac(columns, scene), 0.99);
+  // u and 511 - u share all bits but the top one; where both have nearly the same phase, every 20
+  // columns, they cannot be told apart.
+  EXPECT_GT(valid_frac(columns, scene), 0.8);
   EXPECT_EQ(columns.outlier_count, 0);
+  EXPECT_THAT(found.notes, ::testing::ElementsAre(HasSubstr("lacks bits 8")));
 }
 
 TEST(Correspondence, MissingInversesAreReadAgainstTheOtherPairsOrWhite) {
@@ -269,7 +275,8 @@ TEST(Correspondence, StripesWithoutGrayCodeAreNotDecoded) {
 
 TEST(Correspondence, StripesWithoutGrayCodeSufficeWithinOnePeriod) {
   SyntheticScene scene = slanted_scene();
-  scene.column_px = [](int, int col) { return 3 + 0.16 * col; };
+  scene.projector_width_px = 40;
+  scene.column_px = [](int, int col) { return 14 + 0.06 * col; };
   std::vector<PatternKind> kinds;
   add_stripes(kinds, Axis::kColumn, 40, 8, 1);
   const SyntheticFrames frames(scene, kinds);

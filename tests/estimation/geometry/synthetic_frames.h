@@ -2,10 +2,12 @@
 // by a Gaussian along its axis, Bayer-like gains, photon and read noise. In memory, seeded.
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <functional>
 #include <numbers>
+#include <optional>
 #include <random>
 #include <vector>
 
@@ -17,6 +19,8 @@ namespace estimation::testing {
 struct SyntheticScene {
   int height_px = 40;
   int width_px = 120;
+  int projector_width_px = 1024;
+  int projector_height_px = 768;
   std::function<double(int row, int col)> column_px, row_px;  // truth
   double blur_px = 2;
   double black = 0.002, white = 0.4;       // DN/us
@@ -39,28 +43,54 @@ class NormalDeviates {
   std::mt19937_64 engine_;
 };
 
-// Along its axis, a pattern's brightness averaged by a Gaussian of blur_px around the coordinate.
-inline double blurred_brightness(const PatternKind& kind, Axis axis, double position_px,
-                                 double blur_px) {
-  const auto cumulative = [&](double x) {
-    return 0.5 * std::erfc(-x / (blur_px * std::sqrt(2.0)));
-  };
-  const int reach = static_cast<int>(std::ceil(6 * blur_px)) + 1;
-  const int centre = static_cast<int>(std::lround(position_px));
-  double sum = 0;
-  for (int i = std::max(0, centre - reach); i <= centre + reach; ++i) {
-    const double lit = axis == Axis::kColumn ? brightness(kind, 0, i) : brightness(kind, i, 0);
-    sum += lit * (cumulative(i + 0.5 - position_px) - cumulative(i - 0.5 - position_px));
-  }
-  return sum;
-}
-
 inline Axis axis_of(const PatternKind& kind) {
   if (const auto* code = std::get_if<GrayCode>(&kind)) return code->axis;
   if (const auto* stripes = std::get_if<Stripes>(&kind)) return stripes->axis;
   if (const auto* fringe = std::get_if<Fringe>(&kind)) return fringe->axis;
   return Axis::kColumn;
 }
+
+// A pattern along its axis, its brightness averaged by a Gaussian.
+class BlurredPattern {
+ public:
+  BlurredPattern(const PatternKind& kind, double blur_px, int size_px) : blur_px_(blur_px) {
+    if (const auto* fringe = std::get_if<Fringe>(&kind)) {
+      fringe_ = *fringe;
+      return;
+    }
+    const auto lit = [&](int i) {
+      if (i < 0 || i >= size_px) return 0.0;
+      return axis_of(kind) == Axis::kColumn ? brightness(kind, 0, i) : brightness(kind, i, 0);
+    };
+    for (int i = 0; i <= size_px; ++i) {
+      if (lit(i) != lit(i - 1)) edges_.push_back({i - 0.5, lit(i) - lit(i - 1)});
+    }
+  }
+
+  double at(double position_px) const {
+    if (fringe_) {
+      const double freq = 2 * std::numbers::pi / fringe_->period_px;
+      return (1 + std::exp(-0.5 * std::pow(freq * blur_px_, 2)) *
+                      std::cos(freq * (position_px - fringe_->shift_px))) /
+             2;
+    }
+    double sum = 0;
+    for (const Edge& edge : edges_) {
+      const double past = (position_px - edge.position_px) / blur_px_;
+      if (past < -7) break;
+      sum += edge.step * (past > 7 ? 1 : 0.5 * std::erfc(-past / std::numbers::sqrt2));
+    }
+    return sum;
+  }
+
+ private:
+  struct Edge {
+    double position_px = 0, step = 0;
+  };
+  double blur_px_;
+  std::vector<Edge> edges_;
+  std::optional<Fringe> fringe_;
+};
 
 // The frames own their pixels; signals() borrows from them.
 class SyntheticFrames {
@@ -71,12 +101,14 @@ class SyntheticFrames {
     for (const PatternKind& kind : kinds_) {
       Image<float> frame(scene.height_px, scene.width_px);
       const Axis axis = axis_of(kind);
+      const BlurredPattern pattern(
+          kind, scene.blur_px,
+          axis == Axis::kColumn ? scene.projector_width_px : scene.projector_height_px);
       for (int row = 0; row < scene.height_px; ++row) {
         for (int col = 0; col < scene.width_px; ++col) {
           const double position_px =
               axis == Axis::kColumn ? scene.column_px(row, col) : scene.row_px(row, col);
-          const double lit = scene.black + scene.white * blurred_brightness(kind, axis, position_px,
-                                                                            scene.blur_px);
+          const double lit = scene.black + scene.white * pattern.at(position_px);
           const double signal = lit * scene.gain[static_cast<std::size_t>(2 * (row % 2) + col % 2)];
           const double sd =
               std::sqrt(scene.read_sd * scene.read_sd + scene.shot_dn_per_us * signal);
