@@ -16,11 +16,11 @@
 namespace hw_sim {
 
 struct ChildSettings {
-  std::vector<std::string> argv;                   // argv[0] is looked up in PATH
-  std::map<std::string, std::string> environment;  // set beside ours; an empty value removes
-  std::filesystem::path output;                    // of stdout and stderr; empty: ours
-  bool is_own_session = false;                     // away from our terminal's Ctrl-C
-  int inherited_descriptor = -1;                   // kept open under its number
+  std::vector<std::string> argv;                     // argv[0] is looked up in PATH
+  std::map<std::string, std::string> environment{};  // set beside ours; an empty value removes
+  std::filesystem::path output{};                    // of stdout and stderr; empty: ours
+  bool is_own_session = false;                       // away from our terminal's Ctrl-C
+  int inherited_descriptor = -1;                     // kept open under its number
 };
 
 // Ends with its owner, even if we are killed: the kernel then sends it SIGTERM, when the thread

@@ -1,0 +1,35 @@
+// The commands of ssrig-sim. Each returns the program's exit code.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace hw_sim {
+
+enum ExitCode { kExitDone = 0, kExitFailed = 1, kExitUsage = 2, kExitDevice = 3 };
+
+struct RunOptions {
+  std::filesystem::path rig_file;
+  std::string scene = "face_female";
+  bool has_indirect = true;
+  std::uint64_t seed = 1;
+  std::vector<std::string> command;
+};
+
+// Starts the virtual rig, runs the command against it, writes the truth beside the sessions that
+// it made. The command's exit code, if it comes to that.
+int run_command(const RunOptions& options);
+
+struct JudgeOptions {
+  std::filesystem::path session;
+  std::filesystem::path maps;   // empty: SESSION/maps
+  std::filesystem::path truth;  // empty: SESSION/truth
+  bool is_json = false;
+};
+
+// Prints how far a session's maps are from its truth.
+int judge_command(const JudgeOptions& options);
+
+}  // namespace hw_sim

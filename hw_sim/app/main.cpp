@@ -1,0 +1,51 @@
+// ssrig-sim: the virtual rig.
+#include <CLI/CLI.hpp>
+#include <string>
+
+#include "hw_sim/app/commands.h"
+#include "hw_sim/world/scene.h"
+
+namespace {
+
+void add_run(CLI::App& app, hw_sim::RunOptions& options, std::string& indirect) {
+  CLI::App* run = app.add_subcommand(
+      "run", "Start a virtual rig, run a command against it, write the truth beside its sessions");
+  run->add_option("--rig", options.rig_file, "Rig file of the rig to simulate")->required();
+  run->add_option("--scene", options.scene, "Who or what sits in front of the camera")
+      ->check(CLI::IsMember(hw_sim::scene_names()))
+      ->capture_default_str();
+  run->add_option("--indirect", indirect, "One bounce of light between parts of the face: on, off")
+      ->check(CLI::IsMember({"on", "off"}))
+      ->capture_default_str();
+  run->add_option("--seed", options.seed, "Of the sensor's noise")->capture_default_str();
+  run->add_option("COMMAND", options.command, "After --: the command and its arguments")
+      ->required();
+}
+
+void add_judge(CLI::App& app, hw_sim::JudgeOptions& options) {
+  CLI::App* judge = app.add_subcommand("judge", "Errors of a session's maps against its truth");
+  judge->add_option("SESSION", options.session, "Session folder")->required();
+  judge->add_option("--maps", options.maps, "Folder of the maps (default: SESSION/maps)");
+  judge->add_option("--truth", options.truth, "Folder of the truth (default: SESSION/truth)");
+  judge->add_flag("--json", options.is_json, "As JSON instead of a table");
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app(
+      "The virtual rig: devices at the far end of real wires, and a head in front of them");
+  app.require_subcommand(1);
+  hw_sim::RunOptions run;
+  std::string indirect = "on";
+  hw_sim::JudgeOptions judge;
+  add_run(app, run, indirect);
+  add_judge(app, judge);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {  // also --help
+    return app.exit(error) == 0 ? hw_sim::kExitDone : hw_sim::kExitUsage;
+  }
+  run.has_indirect = indirect == "on";
+  return app.got_subcommand("run") ? hw_sim::run_command(run) : hw_sim::judge_command(judge);
+}

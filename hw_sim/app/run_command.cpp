@@ -1,0 +1,139 @@
+#include <poll.h>
+#include <unistd.h>
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <utility>
+
+#include "estimation/session/manifest.h"
+#include "hw_sim/app/commands.h"
+#include "hw_sim/app/interrupts.h"
+#include "hw_sim/app/session_watch.h"
+#include "hw_sim/app/virtual_rig.h"
+#include "hw_sim/display/child_process.h"
+#include "hw_sim/world/head_world.h"
+#include "rig/rig_file.h"
+
+namespace hw_sim {
+namespace {
+
+int complain(const rig::Error& error) {
+  std::fprintf(stderr, "ssrig-sim: %s\n", error.detail.c_str());
+  return error.fault == rig::Fault::kConfiguration ? kExitUsage : kExitDevice;
+}
+
+// The rig file's camera and projector in the terms of a session.
+rig::Result<estimation::CameraInfo> camera_info(const rig::RigFile& rig) {
+  const auto format = estimation::parse_pixel_format(rig.camera.pixel_format);
+  if (!format)
+    return rig::failure(rig::Fault::kConfiguration,
+                        rig.path.string() + ": pixel_format " + rig.camera.pixel_format +
+                            " cannot be simulated; use Mono8, BayerRG12 or the like");
+  estimation::CameraInfo camera;
+  camera.width_px = rig.camera.width_px;
+  camera.height_px = rig.camera.height_px;
+  camera.roi_x_px = rig.camera.offset_x_px;
+  camera.roi_y_px = rig.camera.offset_y_px;
+  camera.pixel_format = *format;
+  camera.black_level_dn = rig.sensor.black_level_dn;
+  camera.saturation_level_dn = rig.sensor.saturation_level_dn;
+  camera.gain_e_per_dn = rig.sensor.gain_e_per_dn;
+  camera.read_noise_e = rig.sensor.read_noise_e;
+  return camera;
+}
+
+rig::Result<estimation::Calibration> read_calibration(const rig::RigFile& rig) {
+  if (rig.calibration_file.empty())
+    return rig::failure(rig::Fault::kConfiguration,
+                        rig.path.string() + ": a simulated rig needs a calibration file");
+  std::ifstream file(rig.calibration_file);
+  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  if (!file)
+    return rig::failure(rig::Fault::kConfiguration,
+                        "cannot read calibration file " + rig.calibration_file.string());
+  estimation::Result<estimation::Calibration> calibration =
+      estimation::parse_calibration(text, rig.calibration_file.string());
+  if (!calibration) return rig::failure(rig::Fault::kConfiguration, calibration.error().text());
+  return *std::move(calibration);
+}
+
+void show_progress(double done_frac, const std::string& what) {
+  if (isatty(STDERR_FILENO) == 0) return;
+  std::fprintf(stderr, "\r\033[Kssrig-sim: %s %3.0f%%", what.c_str(), std::floor(100 * done_frac));
+  if (done_frac >= 1) std::fputs("\r\033[K", stderr);
+}
+
+rig::Result<std::unique_ptr<HeadWorld>> make_world(const rig::RigFile& rig,
+                                                   const RunOptions& options) {
+  const rig::Result<estimation::CameraInfo> camera = camera_info(rig);
+  if (!camera) return tl::unexpected(camera.error());
+  const rig::Result<estimation::Calibration> calibration = read_calibration(rig);
+  if (!calibration) return tl::unexpected(calibration.error());
+  estimation::ProjectorInfo projector;
+  projector.width_px = rig.projector.width_px;
+  projector.height_px = rig.projector.height_px;
+  SceneOptions scene;
+  scene.name = options.scene;
+  scene.has_indirect = options.has_indirect;
+  scene.seed = options.seed;
+  scene.cache_folder = default_cache_folder();
+  return HeadWorld::create(*camera, projector, *calibration, scene, show_progress);
+}
+
+// Until the child has ended, and passing on what we are told to end by.
+int wait_for(ChildProcess& child, Interrupts& interrupts) {
+  while (true) {
+    if (const std::optional<int> code = child.wait(rig::HostClock::now()); code) return *code;
+    std::array<pollfd, 2> sources{
+        {{child.descriptor(), POLLIN, 0}, {interrupts.descriptor(), POLLIN, 0}}};
+    poll(sources.data(), sources.size(), -1);
+    if (const std::optional<Interrupt> interrupt = interrupts.take();
+        interrupt && !interrupt->is_from_terminal)
+      child.send(interrupt->signal);
+  }
+}
+
+// False if a truth could not be written.
+bool write_truths(const HeadWorld& world, const SessionWatch& sessions) {
+  bool is_written = true;
+  for (const std::filesystem::path& session : sessions.new_sessions()) {
+    const estimation::Result<void> written = world.write_truth(session / "truth");
+    if (written) continue;
+    std::fprintf(stderr, "ssrig-sim: %s\n", written.error().text().c_str());
+    is_written = false;
+  }
+  return is_written;
+}
+
+}  // namespace
+
+int run_command(const RunOptions& options) {
+  Interrupts interrupts;
+  const rig::Result<rig::RigFile> rig = rig::read_rig_file(options.rig_file);
+  if (!rig) return complain(rig.error());
+  rig::Result<std::unique_ptr<HeadWorld>> world = [&] {
+    const ExitOnInterrupt exit_on_interrupt(interrupts);
+    return make_world(*rig, options);
+  }();
+  if (!world) return complain(world.error());
+
+  const SessionWatch sessions(rig->storage.directory, options.command);
+  rig::Result<std::unique_ptr<VirtualRig>> devices = VirtualRig::start(*rig, **world);
+  if (!devices) return complain(devices.error());
+  int exit_code = kExitFailed;
+  {
+    rig::Result<ChildProcess> child = ChildProcess::start(
+        {.argv = options.command, .environment = (*devices)->child_environment()});
+    if (!child) return complain(child.error());
+    exit_code = wait_for(*child, interrupts);
+  }
+  devices->reset();  // after the child: its USB calls must find an answer to the last
+  if (!write_truths(**world, sessions) && exit_code == kExitDone) return kExitFailed;
+  return exit_code;
+}
+
+}  // namespace hw_sim

@@ -1,0 +1,167 @@
+#include "hw_sim/app/virtual_rig.h"
+
+#include <arpa/inet.h>
+
+#include <array>
+#include <condition_variable>
+#include <cstdlib>
+#include <filesystem>
+#include <mutex>
+#include <optional>
+#include <stop_token>
+#include <thread>
+#include <utility>
+
+#include "hw_sim/display/screen_grabber.h"
+#include "hw_sim/display/virtual_screen.h"
+#include "hw_sim/gige/gige_device.h"
+#include "hw_sim/usb/usb_testbed.h"
+#include "hw_sim/usb/usb_trigger_box.h"
+
+namespace hw_sim {
+namespace {
+
+constexpr double kRefresh_hz = 60;
+
+// Has the world compute a picture's light while it is on its way to the screen. Of pictures that
+// come faster than that only the newest: an exposure computes what it misses itself.
+class Preparer {
+ public:
+  explicit Preparer(const World& world)
+      : world_(world), thread_([this](const std::stop_token& stop) { run(stop); }) {}
+
+  void add(std::shared_ptr<const Picture> picture) {
+    {
+      const std::lock_guard lock(mutex_);
+      newest_ = std::move(picture);
+    }
+    changed_.notify_one();
+  }
+
+ private:
+  void run(const std::stop_token& stop) {
+    while (true) {
+      std::unique_lock lock(mutex_);
+      if (!changed_.wait(lock, stop, [this] { return newest_ != nullptr; })) return;
+      const std::shared_ptr<const Picture> picture = std::exchange(newest_, nullptr);
+      lock.unlock();
+      world_.prepare(picture);
+    }
+  }
+
+  const World& world_;
+  std::mutex mutex_;
+  std::condition_variable_any changed_;
+  std::shared_ptr<const Picture> newest_;  // guarded by mutex_
+  std::jthread thread_;
+};
+
+VirtualScreenSettings screen_settings(const rig::RigFile& rig) {
+  return {.projector_width_px = rig.projector.width_px,
+          .projector_height_px = rig.projector.height_px,
+          .refresh_hz = kRefresh_hz};
+}
+
+UsbTriggerBoxOptions box_options(const rig::RigFile& rig) {
+  UsbTriggerBoxOptions options;
+  options.vendor_id = rig.trigger.vendor_id;
+  options.product_id = rig.trigger.product_id;
+  if (!rig.trigger.serial.empty()) options.serial = rig.trigger.serial;
+  return options;
+}
+
+GigeDeviceOptions camera_options(const rig::RigFile& rig) {
+  GigeDeviceOptions options;
+  in_addr parsed{};  // a rig file may name its camera instead
+  if (inet_pton(AF_INET, rig.camera.address.c_str(), &parsed) == 1)
+    options.address = rig.camera.address;
+  if (!rig.camera.serial.empty()) options.serial = rig.camera.serial;
+  options.pixel_formats = {rig.camera.pixel_format};
+  return options;
+}
+
+GrabberSettings grabber_settings(const rig::RigFile& rig, const std::string& display) {
+  GrabberSettings settings;
+  settings.display = display;
+  settings.output = VirtualScreen::kProjectorOutput;
+  settings.refresh_hz = kRefresh_hz;
+  settings.sync_square = rig.projector.sync_square;
+  settings.photodiode.is_inverted = rig.projector.sync_square.is_inverted;
+  return settings;
+}
+
+}  // namespace
+
+struct VirtualRig::Parts {
+  explicit Parts(const World& world) : preparer(world) {}
+
+  std::string glx_shim;
+  std::unique_ptr<VirtualScreen> screen;
+  LightTimeline light;
+  Preparer preparer;
+  std::unique_ptr<GigeDevice> camera;
+  std::unique_ptr<UsbTestbed> testbed;
+  std::optional<UsbTriggerBox> box;
+  std::unique_ptr<ScreenGrabber> grabber;  // last: it feeds all of them
+};
+
+rig::Result<std::unique_ptr<VirtualRig>> VirtualRig::start(const rig::RigFile& rig,
+                                                           const World& world) {
+  auto parts = std::make_unique<Parts>(world);
+  rig::Result<std::string> shim = find_glx_shim();
+  if (!shim) return tl::unexpected(shim.error());
+  parts->glx_shim = *std::move(shim);
+
+  rig::Result<std::unique_ptr<VirtualScreen>> screen = VirtualScreen::start(screen_settings(rig));
+  if (!screen) return tl::unexpected(screen.error());
+  parts->screen = *std::move(screen);
+
+  rig::Result<std::unique_ptr<GigeDevice>> camera =
+      GigeDevice::start(camera_options(rig), world, parts->light);
+  if (!camera) return tl::unexpected(camera.error());
+  parts->camera = *std::move(camera);
+
+  rig::Result<std::unique_ptr<UsbTestbed>> testbed = UsbTestbed::open();
+  if (!testbed) return tl::unexpected(testbed.error());
+  parts->testbed = *std::move(testbed);
+  parts->box.emplace(
+      *parts->testbed, box_options(rig),
+      [&device = *parts->camera](LinePulse pulse) { device.pulse(pulse.start, pulse.width); });
+
+  rig::Result<std::unique_ptr<ScreenGrabber>> grabber = ScreenGrabber::start(
+      grabber_settings(rig, parts->screen->display()), parts->light,
+      [&preparer = parts->preparer](const auto& picture) { preparer.add(picture); },
+      [&box = *parts->box](rig::HostTime time, int level_adc) { box.light(time, level_adc); });
+  if (!grabber) return tl::unexpected(grabber.error());
+  parts->grabber = *std::move(grabber);
+  return std::unique_ptr<VirtualRig>(new VirtualRig(std::move(parts)));
+}
+
+VirtualRig::VirtualRig(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+
+VirtualRig::~VirtualRig() = default;
+
+std::map<std::string, std::string> VirtualRig::child_environment() const {
+  std::map<std::string, std::string> environment;
+  for (const auto& [name, value] : parts_->testbed->child_environment()) environment[name] = value;
+  environment["LD_PRELOAD"] += ":" + parts_->glx_shim;
+  environment["DISPLAY"] = parts_->screen->display();
+  environment["SSRIG_SIM_REFRESH_HZ"] = std::to_string(kRefresh_hz);
+  return environment;
+}
+
+rig::Result<std::string> find_glx_shim() {
+  std::error_code error;
+  const std::filesystem::path folder =
+      std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
+  std::string places;
+  for (const char* place : {"../display", ".", "../lib/ssrig"}) {
+    const std::filesystem::path file = (folder / place / "libglxsim.so").lexically_normal();
+    if (std::filesystem::exists(file, error)) return file.string();
+    places += (places.empty() ? "" : ", ") + file.string();
+  }
+  return rig::failure(rig::Fault::kNotFound,
+                      "libglxsim.so is at none of " + places + "; build target glxsim");
+}
+
+}  // namespace hw_sim
