@@ -199,6 +199,39 @@ void add_unknown(Json& known, const Json& unknown) {
   }
 }
 
+// A list or object without objects in it takes one line if it is short: a matrix, a pattern, a
+// frame.
+bool fits_one_line(const Json& value) {
+  constexpr std::size_t kMostElements = 64;
+  if (value.size() > kMostElements) return false;
+  return std::ranges::all_of(value, [](const Json& element) {
+    return !element.is_object() && (!element.is_array() || fits_one_line(element));
+  });
+}
+
+// Text that came from elsewhere (a subject's name) may not be UTF-8: the file must be.
+std::string dump(const Json& value) {
+  return value.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+void print(const Json& value, const std::string& indent, std::string& text) {
+  if (!value.is_structured() || fits_one_line(value)) {
+    text += dump(value);
+    return;
+  }
+  text += value.is_object() ? "{" : "[";
+  const std::string inner = indent + "  ";
+  std::string_view separator = "\n";
+  for (const auto& [key, element] : value.items()) {
+    text += separator;
+    text += inner;
+    if (value.is_object()) text += dump(Json(key)) + ": ";
+    print(element, inner, text);
+    separator = ",\n";
+  }
+  text += "\n" + indent + (value.is_object() ? "}" : "]");
+}
+
 }  // namespace
 
 Json known_document(const Manifest& manifest) {
@@ -242,8 +275,9 @@ std::string format_manifest(const Manifest& manifest) {
     check(unknown && unknown->is_object(), "Manifest::other_keys is not a JSON object");
     add_unknown(document, *unknown);
   }
-  // Text that came from elsewhere (a subject's name) may not be UTF-8: the file must be.
-  return document.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
+  std::string text;
+  print(document, "", text);
+  return text + "\n";
 }
 
 }  // namespace estimation
