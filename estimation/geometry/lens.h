@@ -1,7 +1,7 @@
 // OpenCV's pinhole with lens distortion, both ways, with derivatives.
 #pragma once
 
-#include <opencv2/core/matx.hpp>
+#include <opencv2/core.hpp>
 #include <optional>
 
 #include "estimation/base/linear.h"

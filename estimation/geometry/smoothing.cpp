@@ -8,7 +8,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <opencv2/core/matx.hpp>
+#include <opencv2/core.hpp>
 #include <vector>
 
 namespace estimation {
@@ -20,7 +20,7 @@ constexpr float kJumpSd = 5;
 // Beside a border the window is sampled this many times on either side.
 constexpr int kSparseRadius = 4;
 constexpr int kMinQuadricPoints = 15;
-constexpr int kMinPlanePoints = 5;
+constexpr int kMinPlanePoints = 4;
 constexpr int kRowsPerBand = 64;
 // More missing neighbours than this are a border, fewer are dropped pixels.
 constexpr double kBorderFrac = 0.1;

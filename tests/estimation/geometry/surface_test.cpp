@@ -1,0 +1,299 @@
+#include "estimation/geometry/surface.h"
+
+#include <gtest/gtest.h>
+#include <oneapi/tbb/global_control.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "tests/estimation/geometry/synthetic_frames.h"
+#include "tests/estimation/geometry/synthetic_rig.h"
+
+namespace estimation {
+namespace {
+
+using testing::make_rig;
+using testing::NormalDeviates;
+using testing::plane;
+using testing::projector_pixel;
+using testing::sphere;
+using testing::SyntheticRig;
+using testing::SyntheticSurface;
+
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+constexpr double kDegree = 3.14159265358979323846 / 180;
+
+struct Truth {
+  Correspondence correspondence;
+  Image<double> depth_mm;
+  std::vector<Vec3> position_mm, normal;  // [row * width + col]
+};
+
+Vec3 camera_ray(const SyntheticRig& rig, int row, int col) {
+  std::vector<cv::Point2d> normalized;
+  const std::vector<cv::Point2d> pixels{
+      {col + double(rig.camera.roi_x_px), row + double(rig.camera.roi_y_px)}};
+  const auto& lens = rig.calibration.camera;
+  cv::undistortPoints(
+      pixels, normalized, cv::Mat(lens.K),
+      std::vector<double>(lens.distortion.begin(), lens.distortion.end()), cv::noArray(),
+      cv::noArray(), cv::TermCriteria(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 100, 1e-14));
+  return {normalized[0].x, normalized[0].y, 1};
+}
+
+// What a perfect decoder would have found, plus noise of sd_px.
+Truth look_at(const SyntheticRig& rig, const SyntheticSurface& surface, double sd_px,
+              bool with_rows) {
+  const int height = rig.camera.height_px, width = rig.camera.width_px;
+  Truth truth;
+  Correspondence& found = truth.correspondence;
+  found.validity = Image<std::uint32_t>(height, width);
+  found.column_px = found.column_sd_px = Image<float>(height, width, 1, kNaN);
+  if (with_rows) found.row_px = found.row_sd_px = found.column_px;
+  truth.depth_mm = Image<double>(height, width);
+  truth.position_mm.resize(found.validity.samples().size());
+  truth.normal.resize(found.validity.samples().size());
+  NormalDeviates deviates(5);
+  for (int row = 0; row < height; ++row) {
+    for (int col = 0; col < width; ++col) {
+      const Vec3 ray = camera_ray(rig, row, col);
+      const auto depth_mm = surface.depth_mm(ray);
+      const auto i = static_cast<std::size_t>(row) * static_cast<std::size_t>(width) +
+                     static_cast<std::size_t>(col);
+      if (!depth_mm) {
+        found.validity.at(row, col) = kBackground;
+        continue;
+      }
+      truth.depth_mm.at(row, col) = *depth_mm;
+      truth.position_mm[i] = ray * *depth_mm;
+      truth.normal[i] = surface.normal(truth.position_mm[i]);
+      const auto lit = projector_pixel(rig, truth.position_mm[i]);
+      found.column_px.at(row, col) = static_cast<float>(lit[0] + sd_px * deviates.next());
+      found.column_sd_px.at(row, col) = static_cast<float>(sd_px);
+      if (!with_rows) continue;
+      found.row_px.at(row, col) = static_cast<float>(lit[1] + 0.2 * deviates.next());
+      found.row_sd_px.at(row, col) = 0.2F;
+    }
+  }
+  return truth;
+}
+
+Surface reconstruct(const SyntheticRig& rig, const Truth& truth, const SurfaceOptions& options) {
+  return reconstruct_surface(rig.calibration, rig.camera, rig.projector, truth.correspondence,
+                             options);
+}
+
+Vec3 vector_at(const std::array<Image<float>, 3>& image, int row, int col) {
+  return {double{image[0].at(row, col)}, double{image[1].at(row, col)},
+          double{image[2].at(row, col)}};
+}
+
+double angle_rad(const Vec3& a, const Vec3& b) {
+  return std::atan2(cv::norm(a.cross(b)), a.dot(b));
+}
+
+double quantile(std::vector<double> values, double share) {
+  std::sort(values.begin(), values.end());
+  return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
+}
+
+struct Errors {
+  std::vector<double> position_mm, normal_rad;
+  double normalized_square_sum = 0;  // of the error along the ray over its sd
+};
+
+// Over valid pixels, warned ones left out if asked.
+Errors errors_of(const Surface& surface, const Truth& truth, bool without_warnings) {
+  Errors errors;
+  const int width = surface.validity.width_px();
+  for (int row = 0; row < surface.validity.height_px(); ++row) {
+    for (int col = 0; col < width; ++col) {
+      const std::uint32_t validity = surface.validity.at(row, col);
+      if ((validity & kValidityErrors) || (without_warnings && validity)) continue;
+      const auto i = static_cast<std::size_t>(row * width + col);
+      const Vec3 off = vector_at(surface.position_mm, row, col) - truth.position_mm[i];
+      errors.position_mm.push_back(cv::norm(off));
+      errors.normal_rad.push_back(angle_rad(vector_at(surface.normal, row, col), truth.normal[i]));
+      errors.normalized_square_sum +=
+          std::pow(cv::norm(off) / double{surface.position_sd_mm.at(row, col)}, 2);
+    }
+  }
+  return errors;
+}
+
+TEST(Surface, APlaneIsExactWithAndWithoutDistortion) {
+  for (const bool with_distortion : {false, true}) {
+    SCOPED_TRACE(with_distortion);
+    const SyntheticRig rig = make_rig(147, 108, with_distortion);
+    const Truth truth = look_at(rig, plane({5, -3, 1010}, {0.3, -0.15, -1}), 1e-4, false);
+    const Surface surface = reconstruct(rig, truth, {});
+    const Errors errors = errors_of(surface, truth, false);
+    ASSERT_EQ(errors.position_mm.size(), truth.position_mm.size());
+    // Single-precision columns: 3e-5 px of rounding, smoothed.
+    EXPECT_LT(quantile(errors.position_mm, 1), 2e-3);
+    EXPECT_LT(quantile(errors.normal_rad, 1), 0.02 * kDegree);
+  }
+}
+
+TEST(Surface, ASphereHasItsNormals) {
+  const SyntheticRig rig = make_rig(294, 216, true);
+  const Truth truth = look_at(rig, sphere({10, 0, 1080}, 90), 1e-4, true);
+  const Surface surface = reconstruct(rig, truth, {});
+  const Errors errors = errors_of(surface, truth, true);
+  EXPECT_GT(errors.position_mm.size(), 8000U);
+  EXPECT_LT(quantile(errors.position_mm, 0.99), 0.02);
+  EXPECT_LT(quantile(errors.normal_rad, 0.5), 0.1 * kDegree);
+  EXPECT_LT(quantile(errors.normal_rad, 0.99), 1.0 * kDegree);
+  // The far wall was never seen: its pixels keep their reason.
+  EXPECT_EQ(surface.validity.at(0, 0), std::uint32_t{kBackground});
+  EXPECT_TRUE(std::isnan(surface.normal[0].at(0, 0)));
+}
+
+TEST(Surface, NormalsAreGoodToADegreeUnderNoiseAtBothResolutions) {
+  for (const auto& [width, height] : {std::pair(588, 432), std::pair(1176, 300)}) {
+    SCOPED_TRACE(width);
+    const SyntheticRig rig = make_rig(width, height, false);
+    const Truth truth = look_at(rig, sphere({0, 0, 1100}, 110), 0.03, true);
+    const Surface surface = reconstruct(rig, truth, {});
+    const Errors errors = errors_of(surface, truth, true);
+    EXPECT_LT(quantile(errors.normal_rad, 0.5), 0.6 * kDegree);
+    EXPECT_LT(quantile(errors.normal_rad, 0.95), 1.5 * kDegree);
+    EXPECT_LT(quantile(errors.position_mm, 0.5), 0.03);
+    const double normalized_rms =
+        std::sqrt(errors.normalized_square_sum / static_cast<double>(errors.position_mm.size()));
+    EXPECT_NEAR(normalized_rms, 1, 0.25);
+  }
+}
+
+// A finite-difference check that shares nothing with the code: walk on the tangent plane until the
+// projector's column (row) has changed, in the direction in which it changes fastest.
+double pitch_by_walking(const SyntheticRig& rig, const Vec3& point, const Vec3& normal, int axis) {
+  const Vec3 e1 = normal.cross(Vec3(0, 1, 0)) / cv::norm(normal.cross(Vec3(0, 1, 0)));
+  const Vec3 e2 = normal.cross(e1);
+  constexpr double kStep_mm = 0.01;
+  const auto slope = [&](const Vec3& direction) {
+    return (projector_pixel(rig, point + kStep_mm * direction)[axis] -
+            projector_pixel(rig, point - kStep_mm * direction)[axis]) /
+           (2 * kStep_mm);
+  };
+  return 1 / std::hypot(slope(e1), slope(e2));
+}
+
+TEST(Surface, PitchAnglesAndDistanceMatchFiniteDifferences) {
+  const SyntheticRig rig = make_rig(147, 108, true);
+  const Vec3 tilt(0.6, 0.2, -1);
+  const Truth truth = look_at(rig, plane({0, 0, 1000}, tilt), 1e-4, true);
+  const Surface surface = reconstruct(rig, truth, {});
+  const Vec3 centre_mm =
+      -(rig.calibration.projector_from_camera.t() * rig.calibration.projector_from_camera_mm);
+  for (int row = 4; row < 108; row += 10) {
+    for (int col = 4; col < 147; col += 10) {
+      const auto i = static_cast<std::size_t>(row * 147 + col);
+      const Vec3& point = truth.position_mm[i];
+      const Vec3& normal = truth.normal[i];
+      const double column_mm = pitch_by_walking(rig, point, normal, 0);
+      const double row_mm = pitch_by_walking(rig, point, normal, 1);
+      EXPECT_NEAR(double{surface.column_pitch_mm.at(row, col)}, column_mm, 2e-4 * column_mm);
+      EXPECT_NEAR(double{surface.row_pitch_mm.at(row, col)}, row_mm, 2e-4 * row_mm);
+      const Vec3 to_projector = centre_mm - point;
+      EXPECT_NEAR(double{surface.projector_distance_mm.at(row, col)}, cv::norm(to_projector), 0.01);
+      EXPECT_NEAR(double{surface.cos_projector.at(row, col)},
+                  normal.dot(to_projector) / cv::norm(to_projector), 1e-4);
+      EXPECT_NEAR(double{surface.cos_camera.at(row, col)}, -normal.dot(point) / cv::norm(point),
+                  1e-4);
+      EXPECT_LT(surface.normal[2].at(row, col), 0);
+    }
+  }
+}
+
+TEST(Surface, AStepStaysSharpAndIsWarnedOf) {
+  const SyntheticRig rig = make_rig(294, 216, false);
+  SyntheticSurface step = plane({0, 0, 1000}, {0, 0, -1});
+  step.depth_mm = [](const Vec3& ray) -> std::optional<double> { return ray[0] < 0 ? 1000 : 1015; };
+  const Truth truth = look_at(rig, step, 0.02, true);
+  const Surface surface = reconstruct(rig, truth, {});
+  const Errors errors = errors_of(surface, truth, false);
+  EXPECT_LT(quantile(errors.position_mm, 0.999), 0.15);
+  EXPECT_LT(quantile(errors.normal_rad, 0.99), 4 * kDegree);
+  const int edge = 147;  // the first column at ray[0] >= 0
+  EXPECT_TRUE(surface.validity.at(100, edge) & kNearDiscontinuity);
+  EXPECT_TRUE(surface.validity.at(100, edge - 1) & kNearDiscontinuity);
+  EXPECT_EQ(surface.validity.at(100, edge - 20), 0U);
+  EXPECT_EQ(surface.validity.at(100, edge + 20), 0U);
+}
+
+TEST(Surface, SingleLostPixelsDoNotDisturbTheirNeighbours) {
+  const SyntheticRig rig = make_rig(588, 108, false);
+  Truth truth = look_at(rig, plane({0, 0, 1000}, {0.2, 0, -1}), 0.02, false);
+  for (int row = 5; row < 108; row += 9) {
+    for (int col = 5; col < 588; col += 9) {
+      truth.correspondence.column_px.at(row, col) = kNaN;
+      truth.correspondence.column_sd_px.at(row, col) = kNaN;
+      truth.correspondence.validity.at(row, col) = kSaturated;
+    }
+  }
+  const Surface surface = reconstruct(rig, truth, {});
+  EXPECT_EQ(surface.validity.at(50, 50), std::uint32_t{kSaturated});
+  EXPECT_EQ(surface.validity.at(50, 51), 0U);
+  const Errors errors = errors_of(surface, truth, false);
+  EXPECT_LT(quantile(errors.position_mm, 0.99), 0.05);
+}
+
+TEST(Surface, DisagreeingAxesAreNoCorrespondence) {
+  const SyntheticRig rig = make_rig(147, 108, false);
+  Truth truth = look_at(rig, plane({0, 0, 1000}, {0, 0, -1}), 0.02, true);
+  truth.correspondence.row_px.at(40, 60) += 25;
+  const Surface surface = reconstruct(rig, truth, {});
+  EXPECT_EQ(surface.validity.at(40, 60), std::uint32_t{kNoCorrespondence});
+  EXPECT_EQ(surface.validity.at(41, 61) & kValidityErrors, 0U);
+}
+
+TEST(Surface, GrazingLightIsNamed) {
+  const SyntheticRig rig = make_rig(147, 108, false);
+  // Seen at 70 degrees, lit at 84.
+  const double tilt = 70 * kDegree;
+  const Truth truth =
+      look_at(rig, plane({0, 0, 1000}, {-std::sin(tilt), 0, -std::cos(tilt)}), 0.001, false);
+  const Surface surface = reconstruct(rig, truth, {});
+  EXPECT_EQ(surface.validity.at(54, 73) & kValidityErrors, std::uint32_t{kGrazingProjector});
+  EXPECT_TRUE(std::isnan(surface.position_mm[2].at(54, 73)));
+}
+
+TEST(Surface, NoRadiusLeavesPositionsAsTriangulated) {
+  const SyntheticRig rig = make_rig(147, 108, false);
+  const Truth truth = look_at(rig, plane({0, 0, 1000}, {0.2, 0, -1}), 0.05, false);
+  SurfaceOptions options;
+  options.smoothing_radius_mm = 0;
+  const Errors errors = errors_of(reconstruct(rig, truth, options), truth, false);
+  const double rms =
+      std::sqrt(errors.normalized_square_sum / static_cast<double>(errors.position_mm.size()));
+  EXPECT_NEAR(rms, 1, 0.05);
+}
+
+TEST(Surface, SameBitsForAnyNumberOfThreads) {
+  const SyntheticRig rig = make_rig(294, 216, true);
+  const Truth truth = look_at(rig, sphere({10, 0, 1080}, 90), 0.02, true);
+  const auto run = [&](std::size_t thread_count) {
+    const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism,
+                                            thread_count);
+    return reconstruct(rig, truth, {});
+  };
+  const Surface one = run(1), four = run(4);
+  const auto same_bits = [](const Image<float>& a, const Image<float>& b) {
+    return std::equal(a.samples().begin(), a.samples().end(), b.samples().begin(),
+                      [](float x, float y) {
+                        return std::bit_cast<std::uint32_t>(x) == std::bit_cast<std::uint32_t>(y);
+                      });
+  };
+  for (std::size_t i = 0; i < 3; ++i) {
+    EXPECT_TRUE(same_bits(one.position_mm[i], four.position_mm[i]));
+    EXPECT_TRUE(same_bits(one.normal[i], four.normal[i]));
+  }
+  EXPECT_TRUE(same_bits(one.column_pitch_mm, four.column_pitch_mm));
+}
+
+}  // namespace
+}  // namespace estimation
