@@ -290,7 +290,7 @@ class Acquisition {
     if (width_px != format.width_px || height_px != format.height_px)
       return malformed("is " + std::to_string(width_px) + " x " + std::to_string(height_px) +
                        " px instead of " + std::to_string(format.width_px) + " x " +
-                       std::to_string(format.height_px));
+                       std::to_string(format.height_px) + " px");
     if (arv_buffer_get_image_pixel_format(buffer) != format.pixel_format_code)
       return malformed("is not in " + format.pixel_format);
     std::size_t byte_count = 0;

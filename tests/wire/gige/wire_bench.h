@@ -12,7 +12,7 @@
 #include "hw_sim/world.h"
 #include "rig/camera.h"
 #include "rig/devices/aravis_camera.h"
-#include "tests/contract/camera_contract.h"
+#include "tests/contract/camera_bench.h"
 
 // Pixel (row, col) tells what it is: the trigger number in column 0, the exposure in column 1, else
 // its own place.
