@@ -128,7 +128,10 @@ int run_command(const RunOptions& options) {
   {
     rig::Result<ChildProcess> child = ChildProcess::start(
         {.argv = options.command, .environment = (*devices)->child_environment()});
-    if (!child) return complain(child.error());
+    if (!child) {
+      complain(child.error());
+      return kExitUsage;
+    }
     exit_code = wait_for(*child, interrupts);
   }
   devices->reset();  // after the child: its USB calls must find an answer to the last
