@@ -1,6 +1,7 @@
 #include "hw_sim/world/projector_light.h"
 
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cstddef>
@@ -19,12 +20,13 @@ ProjectorLight::ProjectorLight(const Surface& surface, const Pinhole& projector,
       reference_distance_mm_(reference_distance_mm) {}
 
 const LightLattice& ProjectorLight::coarse() const {
-  std::call_once(coarse_once_, [&] { coarse_ = cast(1); });
+  // Isolated: a thread that waits for its rays must not pick up work that waits for this flag.
+  std::call_once(coarse_once_, [&] { tbb::this_task_arena::isolate([&] { coarse_ = cast(1); }); });
   return coarse_;
 }
 
 const LightLattice& ProjectorLight::fine() const {
-  std::call_once(fine_once_, [&] { fine_ = cast(2); });
+  std::call_once(fine_once_, [&] { tbb::this_task_arena::isolate([&] { fine_ = cast(2); }); });
   return fine_;
 }
 

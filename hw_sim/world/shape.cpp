@@ -46,10 +46,13 @@ class Head final : public Shape {
     constexpr double kRoundedMm = 3;
     const Vec3 half(std::sqrt(p[0] * p[0] + kRoundedMm * kRoundedMm), p[1], p[2]);
     d = cheeks_and_jaw(d, p, half);
-    d = eyes(d, half);
-    d = nose(d, p, half);
-    d = mouth(d, p, half);
-    return ears(d, half);
+    // A feature reaches no farther than its radius and blend: skip what is away from it.
+    if (p[2] < -30) {
+      if (p[1] > -50 && p[1] < 40) d = eyes(d, half);
+      if (half[0] < 42 && p[1] > -40 && p[1] < 66) d = nose(d, p, half);
+      if (half[0] < 60 && p[1] > 24 && p[1] < 98) d = mouth(d, p, half);
+    }
+    return half[0] > 45 ? ears(d, half) : d;
   }
 
   Box bounds() const override {

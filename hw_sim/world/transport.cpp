@@ -4,7 +4,6 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <cstddef>
 #include <istream>
@@ -23,7 +22,21 @@ constexpr std::size_t kChunk = 512;  // samples a task
 
 std::size_t to_size(int value) { return static_cast<std::size_t>(value); }
 
+using estimation::Vec3;
 using Rect = SplitPicture::Rect;
+
+Vec3 point_of(const SeenSample& sample) {
+  return {static_cast<double>(sample.point_mm[0]), static_cast<double>(sample.point_mm[1]),
+          static_cast<double>(sample.point_mm[2])};
+}
+
+bool needs_fine(const SeenSample& sample, const Pinhole& projector) {
+  const double distance_mm = cv::norm(point_of(sample) - projector.center_mm());
+  const double cosine = std::max(0.05, static_cast<double>(sample.cos_projector));
+  const Scattering& s = sample.scattering;
+  const double depth_mm = 1 / (s.sigma_a_per_mm + s.sigma_s_prime_per_mm);
+  return distance_mm / projector.focal_px() / cosine > kCoarseSpacing * depth_mm;
+}
 
 // The lattice points of `lattice` within `rect` (projector pixels, grown by `margin` points) and
 // within the kernel's radius: calls use(lattice row, lattice col, index, weight).
@@ -111,12 +124,11 @@ SplitPicture split_picture(estimation::ImageView<const unsigned char> brightness
 struct Transport::Worker {
   const ProjectorLight& light;
   const LightLattice& coarse;
-  const LightLattice& fine;
+  const LightLattice& fine;  // `coarse` where no sample needs the finer one
   std::vector<std::uint16_t> responses;
   // Neighbours mostly share their material: keep its kernel.
   Scattering scattering;
   KernelTable kernel;
-  double depth_mm = 0;
   double radius_mm = 0;
 
   void use_material(const Scattering& wanted) {
@@ -124,12 +136,11 @@ struct Transport::Worker {
     scattering = wanted;
     const Dipole dipole(wanted);
     radius_mm = dipole.radius_with_tail_mm(kTailFrac);
-    depth_mm = dipole.real_depth_mm();
     kernel = KernelTable(dipole, radius_mm);
   }
 
   Rect reach_of(const SeenSample& sample, double distance_mm) const {
-    const estimation::Vec3 point(sample.point_mm[0], sample.point_mm[1], sample.point_mm[2]);
+    const Vec3 point = point_of(sample);
     const ProjectedPoint center = light.projector().project(point);
     if (!center.is_in_front) return {};
     // A sphere of that radius, seen from the projector; one more pixel for the lens's distortion
@@ -148,14 +159,12 @@ struct Transport::Worker {
 
   Entry measure(const SeenSample& sample) {
     use_material(sample.scattering);
-    const estimation::Vec3 point(sample.point_mm[0], sample.point_mm[1], sample.point_mm[2]);
+    const Vec3 point = point_of(sample);
     const double distance_mm = cv::norm(point - light.projector().center_mm());
     Entry entry;
     entry.reach = reach_of(sample, distance_mm);
     if (entry.reach.empty()) return entry;
-    const double cosine = std::max(0.05, static_cast<double>(sample.cos_projector));
-    const double spacing_mm = distance_mm / light.projector().focal_px() / cosine;
-    entry.is_fine = spacing_mm > kCoarseSpacing * depth_mm ? 1 : 0;
+    entry.is_fine = needs_fine(sample, light.projector()) ? 1 : 0;
     const LightLattice& lattice = entry.is_fine != 0 ? fine : coarse;
     constexpr int kMargin = 2;  // for the square filter
     const int n = lattice.per_px;
@@ -202,7 +211,11 @@ Transport Transport::build(const std::vector<SeenSample>& samples, const Project
   transport.light_ = &light;
   transport.entries_.resize(samples.size());
   const LightLattice& coarse = light.coarse();
-  const LightLattice& fine = light.fine();
+  // Decided before the parallel loop: casting light is itself parallel.
+  const bool any_fine = std::any_of(samples.begin(), samples.end(), [&](const SeenSample& sample) {
+    return needs_fine(sample, light.projector());
+  });
+  const LightLattice& fine = any_fine ? light.fine() : coarse;
   const std::size_t chunk_count = (samples.size() + kChunk - 1) / kChunk;
   std::vector<std::vector<std::uint16_t>> chunks(chunk_count);
   std::mutex progress_mutex;
