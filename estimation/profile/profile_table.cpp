@@ -13,6 +13,8 @@ using std::numbers::pi;
 
 constexpr double kSmallestHarmonic = 3e-5;  // of the mean; a tenth of the best signal's noise
 
+constexpr std::size_t kBlock = 16;  // harmonics computed at a time
+
 // Three periods' worth of harmonics hold a stripe's edge to 1e-3; 128 bound the table's memory.
 std::size_t harmonic_limit(StripeShape shape) {
   return static_cast<std::size_t>(std::min(3 * shape.period_px, 128));
@@ -29,6 +31,27 @@ std::size_t count_above(std::span<const float> harmonics, double smallest) {
   return count;
 }
 
+// The harmonics of one entry, block by block until R~ (which falls with frequency) is negligible;
+// returns how many of them count. The rest of `harmonics` stays zero.
+std::size_t fill_entry(const ScatteringModel& model, StripeShape shape, double reflectance,
+                       double l_d_px, std::span<float> harmonics) {
+  double k_times_l_d[kBlock], transform[kBlock];
+  const double zero = 0;
+  double total = 0;
+  model.transform(reflectance, {&zero, 1}, {&total, 1});
+  for (std::size_t first = 1; first <= harmonics.size(); first += kBlock) {
+    const std::size_t count = std::min(kBlock, harmonics.size() + 1 - first);
+    for (std::size_t i = 0; i < count; ++i)
+      k_times_l_d[i] = 2 * pi * static_cast<double>(first + i) / shape.period_px * l_d_px;
+    model.transform(reflectance, {k_times_l_d, count}, {transform, count});
+    for (std::size_t i = 0; i < count; ++i)
+      harmonics[first + i - 1] =
+          static_cast<float>(stripe_harmonic(shape, first + i) * transform[i] / total);
+    if (transform[count - 1] < kSmallestHarmonic * total) break;
+  }
+  return count_above(harmonics, kSmallestHarmonic);
+}
+
 }  // namespace
 
 ProfileTable::ProfileTable(const ScatteringModel& model, StripeShape shape, const TableRange& range)
@@ -42,16 +65,10 @@ ProfileTable::ProfileTable(const ScatteringModel& model, StripeShape shape, cons
   tbb::parallel_for(0, kRows, [&](int row) {
     const double reflectance = std::lerp(range_.least_reflectance, range_.greatest_reflectance,
                                          static_cast<double>(row) / (kRows - 1));
-    std::vector<double> k_times_l_d(stride_ + 1), transform(stride_ + 1);
     for (int col = 0; col < kCols; ++col) {
-      const double l_d_px = translucency_px_at(col);
-      for (std::size_t n = 0; n <= stride_; ++n)
-        k_times_l_d[n] = 2 * pi * static_cast<double>(n) / shape_.period_px * l_d_px;
-      model.transform(reflectance, k_times_l_d, transform);
-      float* entry = harmonics_.data() + index(row, col) * stride_;
-      for (std::size_t n = 1; n <= stride_; ++n)
-        entry[n - 1] = static_cast<float>(stripe_harmonic(shape_, n) * transform[n] / transform[0]);
-      counts_[index(row, col)] = count_above({entry, stride_}, kSmallestHarmonic);
+      const std::size_t entry = index(row, col);
+      counts_[entry] = fill_entry(model, shape_, reflectance, translucency_px_at(col),
+                                  {harmonics_.data() + entry * stride_, stride_});
     }
   });
 }

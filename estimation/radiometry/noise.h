@@ -33,7 +33,7 @@ std::vector<MergedNoise> merged_noise(std::vector<double> exposures_us, const Se
 double variance_at(std::span<const MergedNoise> noise, double signal_dn_per_us);
 
 // Noise from the scatter of adjacent stripe shifts, for cameras whose numbers are not known. A
-// scattering profile is smooth from shift to shift and noise is not, so the median of the second
+// scattering profile is smooth from shift to shift and noise is not, so the median of the fourth
 // differences of a pixel's samples tells its noise; the darkest pixels give the read noise, the
 // bright ones the shot noise. A little too large where stripes are sharp.
 //   signals  [shift] merged signals of adjacent shifts, at least 8

@@ -39,19 +39,20 @@ inline StripeSet paper_stripes() {
 // r(s) at projector position u_px; m_n = exp(-(n/blur_harmonic)^2), 0 means perfect optics.
 inline std::vector<double> reflectance_factors(const StripeSet& stripes, const Coefficients& medium,
                                                double eta, double pitch_mm, double u_px,
-                                               double indirect, double blur_harmonic = 0) {
-  constexpr int kTerms = 3000;
+                                               double indirect, double blur_harmonic = 0,
+                                               int term_count = 3000) {
   const double period = stripes.shape.period_px, duty = stripes.shape.width_px / period;
   const double reflectance = dipole_reflectance(medium, eta);
   const double l_d_px = diffuse_mean_free_path_mm(medium) / pitch_mm;
-  std::vector<double> k(kTerms), transform(kTerms);
-  for (int n = 0; n < kTerms; ++n)
+  std::vector<double> k(static_cast<std::size_t>(term_count)),
+      transform(static_cast<std::size_t>(term_count));
+  for (int n = 0; n < term_count; ++n)
     k[static_cast<std::size_t>(n)] = 2 * std::numbers::pi * n / period * l_d_px;
   Dipole(eta).transform(reflectance, k, transform);
   std::vector<double> r;
   for (const int shift : stripes.shifts_px) {
     double sum = duty * (transform[0] + indirect);
-    for (int n = 1; n < kTerms; ++n) {
+    for (int n = 1; n < term_count; ++n) {
       const double x = std::numbers::pi * n * duty;
       const double m = blur_harmonic > 0 ? std::exp(-std::pow(n / blur_harmonic, 2)) : 1;
       sum += 2 * duty * std::sin(x) / x * m * transform[static_cast<std::size_t>(n)] *

@@ -1,0 +1,403 @@
+// Frames to maps on synthetic planes of known material, without noise.
+#include "estimation/estimator.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <functional>
+#include <numeric>
+#include <random>
+
+#include "tests/estimation/profile/synthetic_session.h"
+
+namespace estimation {
+namespace {
+
+using testing::make_scene;
+using testing::Scene;
+using testing::SceneOptions;
+
+class Folder {
+ public:
+  Folder() {
+    char name[] = "/tmp/ssrig_estimator_XXXXXX";
+    path_ = mkdtemp(name);
+  }
+  ~Folder() { std::filesystem::remove_all(path_); }
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+struct Estimate {
+  Maps maps;
+  std::vector<std::string> notes;
+};
+
+Estimate estimate(const Scene& scene, const EstimatorOptions& options = {},
+                  const std::filesystem::path& session = {}, bool is_shuffled = false) {
+  auto estimator = Estimator::create(scene.manifest, session, options);
+  EXPECT_TRUE(estimator) << estimator.error().text();
+  if (!estimator) return {};
+  std::vector<std::size_t> order(scene.frames.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::mt19937_64 random(7);
+  for (std::size_t i = order.size(); is_shuffled && i > 1; --i)
+    std::swap(order[i - 1], order[random() % i]);
+  for (const std::size_t i : order) {
+    const auto added = (*estimator)->add_frame(i, scene.frames[i].view());
+    EXPECT_TRUE(added) << added.error().text();
+  }
+  auto maps = (*estimator)->finish();
+  EXPECT_TRUE(maps) << maps.error().text();
+  if (!maps) return {};
+  return {std::move(*maps), (*estimator)->notes()};
+}
+
+// 95th percentile of |map / truth - 1| away from the border, where the surface is smoothed
+// one-sided.
+double error_frac(const Image<float>& map, double truth) {
+  constexpr int kBorderPx = 5;
+  std::vector<double> errors;
+  for (int row = kBorderPx; row < map.height_px() - kBorderPx; ++row)
+    for (int col = kBorderPx; col < map.width_px() - kBorderPx; ++col) {
+      const double error = std::abs(static_cast<double>(map.at(row, col)) / truth - 1);
+      errors.push_back(std::isnan(error) ? 1e9 : error);
+    }
+  std::sort(errors.begin(), errors.end());
+  return errors[errors.size() * 95 / 100];
+}
+
+void expect_recovered(const Scene& scene, const Maps& maps, double tolerance_frac = 0.01) {
+  for (std::size_t band = 0; band < static_cast<std::size_t>(maps.band_count); ++band) {
+    SCOPED_TRACE(::testing::Message() << "band " << band);
+    ASSERT_FALSE(maps.translucency_mm[band].empty());
+    EXPECT_LT(error_frac(maps.translucency_mm[band], scene.l_d_mm[band]), tolerance_frac);
+    EXPECT_LT(error_frac(maps.diffuse_reflectance[band], scene.reflectance[band]), tolerance_frac);
+    EXPECT_LT(error_frac(maps.sigma_a_per_mm[band], scene.medium[band].sigma_a_per_mm),
+              2 * tolerance_frac);
+    EXPECT_LT(error_frac(maps.sigma_s_prime_per_mm[band], scene.medium[band].sigma_s_prime_per_mm),
+              2 * tolerance_frac);
+  }
+}
+
+void for_each_image(const Maps& maps,
+                    const std::function<void(std::span<const std::byte>)>& visit) {
+  const auto all = [&](const auto& images) {
+    for (const auto& image : images) visit(std::as_bytes(image.samples()));
+  };
+  for (const BandMaps* bands : {&maps.sigma_a_per_mm, &maps.sigma_s_prime_per_mm,
+                                &maps.translucency_mm, &maps.diffuse_reflectance, &maps.indirect})
+    all(*bands);
+  all(maps.position_mm);
+  all(maps.normal);
+  all(maps.correspondence_px);
+  all(maps.correspondence_sd_px);
+  all(maps.validity);
+  visit(std::as_bytes(maps.position_sd_mm.samples()));
+}
+
+std::vector<std::byte> bytes_of(const Maps& maps) {
+  std::vector<std::byte> bytes;
+  for_each_image(maps, [&](std::span<const std::byte> image) {
+    bytes.insert(bytes.end(), image.begin(), image.end());
+  });
+  return bytes;
+}
+
+bool any_contains(const std::vector<std::string>& notes, const std::string& word) {
+  return std::any_of(notes.begin(), notes.end(),
+                     [&](const std::string& note) { return note.find(word) != std::string::npos; });
+}
+
+TEST(Estimator, RecoversMonoWithoutIndirectLight) {
+  const Scene scene = make_scene({});
+  const Estimate found = estimate(scene);
+  expect_recovered(scene, found.maps);
+  EXPECT_EQ(found.maps.band_count, 1);
+  EXPECT_TRUE(found.maps.translucency_mm[1].empty());
+  EXPECT_EQ(found.maps.method, "lut");
+  EXPECT_EQ(found.maps.scattering_model, "dipole");
+  EXPECT_TRUE(found.notes.empty()) << found.notes[0];
+}
+
+TEST(Estimator, RecoversEachBayerOrderAndRgb) {
+  for (const ColorFilter filter :
+       {ColorFilter::kBayerRG, ColorFilter::kBayerGR, ColorFilter::kBayerGB, ColorFilter::kBayerBG,
+        ColorFilter::kRgb}) {
+    SCOPED_TRACE(to_string(PixelFormat{filter, 16}));
+    SceneOptions options;
+    options.format = {filter, 16};
+    options.width_px = 32;
+    options.height_px = 24;
+    const Scene scene = make_scene(options);
+    expect_recovered(scene, estimate(scene).maps);
+  }
+}
+
+TEST(Estimator, RegionOfInterestShiftsTheBayerPhase) {
+  SceneOptions options;
+  options.format = {ColorFilter::kBayerRG, 16};
+  options.width_px = 32;
+  options.height_px = 24;
+  Scene scene = make_scene(options);
+  const Scene other = make_scene([&] {
+    SceneOptions shifted = options;
+    shifted.format.filter = ColorFilter::kBayerBG;
+    return shifted;
+  }());
+  // BayerBG frames are what a BayerRG sensor gives from an odd corner on; the lens moves along.
+  scene.frames = other.frames;
+  scene.manifest.camera.roi_x_px = 1;
+  scene.manifest.camera.roi_y_px = 1;
+  scene.manifest.calibration.camera.K(0, 2) += 1;
+  scene.manifest.calibration.camera.K(1, 2) += 1;
+  expect_recovered(scene, estimate(scene).maps);
+}
+
+TEST(Estimator, StripesMayRunAlongRows) {
+  SceneOptions options;
+  options.stripe_axis = Axis::kRow;
+  const Scene scene = make_scene(options);
+  expect_recovered(scene, estimate(scene).maps);
+}
+
+TEST(Estimator, BracketsExtendTheRange) {
+  SceneOptions options;
+  options.exposures_us = {10000, 40000, 200000, 10000};  // the longest clips; one repeats
+  const Scene scene = make_scene(options);
+  expect_recovered(scene, estimate(scene).maps);
+}
+
+TEST(Estimator, BlackPatternTakesOffAmbientAndProjectorBlackOnce) {
+  SceneOptions options;
+  options.has_black = true;
+  options.ambient_dn_per_us = 0.05;
+  options.projector_black_frac = 0.01;
+  const Scene scene = make_scene(options);
+  expect_recovered(scene, estimate(scene).maps);
+}
+
+TEST(Estimator, ProjectorBlackIsTakenOffWithoutABlackPattern) {
+  SceneOptions options;
+  options.projector_black_frac = 0.01;
+  const Scene scene = make_scene(options);
+  expect_recovered(scene, estimate(scene).maps);
+  // The test can fail: unaware of it, the estimate is off.
+  Scene unaware = scene;
+  unaware.manifest.calibration.projector_black_dn_per_us.clear();
+  EXPECT_GT(error_frac(estimate(unaware).maps.translucency_mm[0], scene.l_d_mm[0]), 0.02);
+}
+
+TEST(Estimator, OpticsTransferInEveryForm) {
+  SceneOptions options;
+  options.blur_harmonic = 8;
+  Scene scene = make_scene(options);
+  Folder folder;
+  TransferByBand curve;
+  std::vector<Image<float>> maps;
+  std::vector<ExrChannel> channels;
+  for (int n = 1; n <= 24; ++n) {
+    curve.harmonics[0].push_back(std::exp(-std::pow(n / 8.0, 2)));
+    maps.emplace_back(options.height_px, options.width_px, 1,
+                      static_cast<float>(curve.harmonics[0].back()));
+  }
+  for (std::size_t n = 0; n < maps.size(); ++n)
+    channels.push_back({"R." + std::to_string(n + 1), maps[n].view()});
+  ASSERT_TRUE(write_exr(folder.path() / "transfer.exr", channels, {}));
+  TransferByDepth by_depth;
+  by_depth.entries = {{500, curve}, {2000, curve}};
+  for (const StripeTransfer& form : {StripeTransfer(curve), StripeTransfer(by_depth),
+                                     StripeTransfer(TransferFile{"transfer.exr"})}) {
+    SCOPED_TRACE(form.index());
+    scene.manifest.calibration.stripe_transfer = form;
+    expect_recovered(scene, estimate(scene, {}, folder.path()).maps);
+  }
+}
+
+TEST(Estimator, FlatFieldVignettingAndDarkFramesAreReadFromTheSession) {
+  SceneOptions options;
+  Scene scene = make_scene(options);
+  Folder folder;
+  Image<float> flat(options.height_px, options.width_px);
+  for (int row = 0; row < options.height_px; ++row)
+    for (int col = 0; col < options.width_px; ++col) {
+      flat.at(row, col) = 1.0F - 0.01F * static_cast<float>(col % 7);
+      for (Image<std::uint16_t>& frame : scene.frames) {
+        // Rounded to even DN by the flat field's division; a few 1e-5 of the signal.
+        const double signal = frame.at(row, col) - 200.0;
+        frame.at(row, col) = static_cast<std::uint16_t>(
+            std::lround(200 + 0.5 * signal * static_cast<double>(flat.at(row, col))));
+      }
+    }
+  const Image<float> vignetting(256, 256, 1, 0.5F);
+  ASSERT_TRUE(write_exr(folder.path() / "flat.exr", {{"Y", flat.view()}}, {}));
+  ASSERT_TRUE(write_exr(folder.path() / "vignetting.exr", {{"Y", vignetting.view()}}, {}));
+  scene.manifest.camera.flat_field_file = "flat.exr";
+  scene.manifest.calibration.irradiance->vignetting_file = "vignetting.exr";
+  expect_recovered(scene, estimate(scene, {}, folder.path()).maps);
+
+  scene.manifest.camera.flat_field_file = "vignetting.exr";  // wrong size
+  const auto wrong = Estimator::create(scene.manifest, folder.path(), {});
+  ASSERT_FALSE(wrong);
+  EXPECT_NE(wrong.error().text().find("/camera/flat_field"), std::string::npos);
+}
+
+TEST(Estimator, BackgroundAndSaturationAreNamedAndHoldNothing) {
+  SceneOptions options;
+  options.background_cols = 10;
+  options.gain_dn_per_us = 8;
+  options.exposures_us = {40000};  // the stripes' middles clip
+  const Estimate found = estimate(make_scene(options));
+  const Maps& maps = found.maps;
+  ASSERT_FALSE(maps.translucency_mm[0].empty());
+  EXPECT_EQ(maps.validity[0].at(16, 3) & kValidityErrors, kBackground);
+  EXPECT_NE(maps.validity[0].at(16, 25) & kSaturated, 0U);
+  for (const Image<float>* map : {&maps.translucency_mm[0], &maps.diffuse_reflectance[0],
+                                  &maps.sigma_a_per_mm[0], &maps.sigma_s_prime_per_mm[0]}) {
+    EXPECT_TRUE(std::isnan(map->at(16, 3)));
+    EXPECT_TRUE(std::isnan(map->at(16, 25)));
+  }
+}
+
+TEST(Estimator, ValuesAreFiniteExactlyWhereValidityHasNoError) {
+  SceneOptions options;
+  options.background_cols = 7;
+  options.format = {ColorFilter::kBayerGB, 12};
+  options.gain_dn_per_us = 0.2;
+  const Maps maps = estimate(make_scene(options)).maps;
+  for (std::size_t band = 0; band < 3; ++band)
+    for (int row = 0; row < options.height_px; ++row)
+      for (int col = 0; col < options.width_px; ++col) {
+        const bool is_valid = (maps.validity[band].at(row, col) & kValidityErrors) == 0;
+        for (const BandMaps* map :
+             {&maps.translucency_mm, &maps.diffuse_reflectance, &maps.indirect,
+              &maps.sigma_a_per_mm, &maps.sigma_s_prime_per_mm})
+          ASSERT_EQ(std::isfinite((*map)[band].at(row, col)), is_valid)
+              << "band " << band << " row " << row << " col " << col;
+        if (is_valid) {
+          EXPECT_GT(maps.sigma_a_per_mm[band].at(row, col), 0);
+          EXPECT_GT(maps.sigma_s_prime_per_mm[band].at(row, col), 0);
+        }
+      }
+}
+
+TEST(Estimator, WhiteAloneGivesReflectanceWithItsWarning) {
+  SceneOptions options;
+  options.has_stripes = false;
+  options.has_white = true;
+  const Scene scene = make_scene(options);
+  const Estimate found = estimate(scene);
+  EXPECT_LT(error_frac(found.maps.diffuse_reflectance[0], scene.reflectance[0]), 0.01);
+  EXPECT_TRUE(found.maps.translucency_mm[0].empty());
+  EXPECT_EQ(found.maps.validity[0].at(16, 20), kIndirectFixedAtZero);
+  EXPECT_TRUE(any_contains(found.notes, "translucency"));
+}
+
+TEST(Estimator, CorrespondencePatternsAloneGiveGeometry) {
+  SceneOptions options;
+  options.has_stripes = false;
+  const Estimate found = estimate(make_scene(options));
+  EXPECT_FALSE(found.maps.position_mm[2].empty());
+  EXPECT_TRUE(found.maps.diffuse_reflectance[0].empty());
+  EXPECT_TRUE(any_contains(found.notes, "diffuse_reflectance"));
+}
+
+TEST(Estimator, StripesAloneCannotBePlacedAndSaySo) {
+  SceneOptions options;
+  options.has_correspondence = false;
+  const Estimate found = estimate(make_scene(options));
+  EXPECT_TRUE(found.maps.translucency_mm[0].empty());
+  EXPECT_FALSE(found.notes.empty());
+}
+
+TEST(Estimator, WithoutRadiometricKeysGeometryIsEstimatedAndSaid) {
+  Scene scene = make_scene({});
+  scene.manifest.camera.black_level_dn.reset();
+  scene.manifest.calibration.irradiance.reset();
+  const Estimate found = estimate(scene);
+  EXPECT_FALSE(found.maps.position_mm[0].empty());
+  EXPECT_TRUE(found.maps.translucency_mm[0].empty());
+  EXPECT_TRUE(any_contains(found.notes, "camera.black_level"));
+  EXPECT_TRUE(any_contains(found.notes, "calibration.irradiance.signal_per_us"));
+  EstimatorOptions geometry_only;
+  geometry_only.is_geometry_only = true;
+  const Estimate asked = estimate(make_scene({}), geometry_only);
+  EXPECT_TRUE(asked.maps.translucency_mm[0].empty());
+  EXPECT_TRUE(asked.notes.empty());
+}
+
+TEST(Estimator, NoiseIsEstimatedFromTheDataIfTheCameraDoesNotSay) {
+  Scene scene = make_scene({});
+  scene.manifest.camera.gain_e_per_dn.reset();
+  scene.manifest.camera.read_noise_e.reset();
+  expect_recovered(scene, estimate(scene).maps);
+}
+
+TEST(Estimator, OrderOfArrivalAndThreadsDoNotChangeABit) {
+  SceneOptions options;
+  options.format = {ColorFilter::kBayerRG, 12};
+  options.gain_dn_per_us = 0.2;
+  options.exposures_us = {10000, 40000, 10000};
+  options.indirect = 0.02;
+  const Scene scene = make_scene(options);
+  EstimatorOptions one_thread, four_threads;
+  one_thread.thread_count = 1;
+  four_threads.thread_count = 4;
+  const std::vector<std::byte> expected = bytes_of(estimate(scene, one_thread).maps);
+  EXPECT_EQ(bytes_of(estimate(scene, four_threads).maps), expected);
+  EXPECT_EQ(bytes_of(estimate(scene, four_threads, {}, true).maps), expected);
+}
+
+TEST(Estimator, PatternsWithMissingFramesUseTheOthersAndSaySo) {
+  SceneOptions options;
+  options.exposures_us = {10000, 20000};
+  const Scene scene = make_scene(options);
+  auto estimator = Estimator::create(scene.manifest, {}, {});
+  ASSERT_TRUE(estimator);
+  for (std::size_t i = 0; i < scene.frames.size(); ++i) {
+    if (i == 7 || i == 10 || i == 11) continue;  // a long exposure, and all of shift 5
+    ASSERT_TRUE((*estimator)->add_frame(i, scene.frames[i].view()));
+  }
+  const auto maps = (*estimator)->finish();
+  ASSERT_TRUE(maps);
+  EXPECT_TRUE(any_contains((*estimator)->notes(), "pattern 3"));
+  expect_recovered(scene, *maps, 0.03);
+}
+
+TEST(Estimator, FramesThatDoNotBelongAreRefused) {
+  const Scene scene = make_scene({});
+  auto estimator = Estimator::create(scene.manifest, {}, {});
+  ASSERT_TRUE(estimator);
+  EXPECT_FALSE((*estimator)->add_frame(scene.frames.size(), scene.frames[0].view()));
+  const Image<std::uint16_t> small(3, 3);
+  EXPECT_FALSE((*estimator)->add_frame(0, small.view()));
+  EXPECT_TRUE((*estimator)->add_frame(0, scene.frames[0].view()));
+  EXPECT_FALSE((*estimator)->add_frame(0, scene.frames[0].view()));
+  auto unfed = Estimator::create(scene.manifest, {}, {});
+  ASSERT_TRUE(unfed);
+  const auto nothing = (*unfed)->finish();
+  ASSERT_FALSE(nothing);
+  EXPECT_EQ(nothing.error().fault, InputFault::kInsufficient);
+}
+
+TEST(EstimatorOptions, EveryBadFieldIsReported) {
+  EstimatorOptions options;
+  EXPECT_TRUE(options.validate());
+  options.method = "guess";
+  options.model = "tripole";
+  options.thread_count = -1;
+  const auto invalid = options.validate();
+  ASSERT_FALSE(invalid);
+  for (const char* word : {"guess", "tripole", "-1"})
+    EXPECT_NE(invalid.error().text().find(word), std::string::npos) << word;
+}
+
+}  // namespace
+}  // namespace estimation
