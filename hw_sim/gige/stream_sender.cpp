@@ -14,6 +14,8 @@ namespace {
 constexpr double kEthernetOverheadBytes = 38;
 // Shorter waits than this cost more than the burst they avoid.
 constexpr std::chrono::microseconds kPacingGrain{150};
+// A sender that was held up makes up this much and no more: a link has no faster gear.
+constexpr std::chrono::microseconds kCatchUpMax{1000};
 
 }  // namespace
 
