@@ -10,6 +10,7 @@
 #include <map>
 #include <numbers>
 #include <optional>
+#include <utility>
 
 #include "estimation/base/check.h"
 #include "estimation/geometry/pattern_plan.h"
@@ -93,7 +94,7 @@ struct Phasor {
 
 void store_phase(const FamilySource& source, const Phasor& phasor, std::size_t col,
                  FamilyRow& out) {
-  const float amplitude = std::hypot(phasor.cosine, phasor.sine);
+  const float amplitude = std::sqrt(phasor.cosine * phasor.cosine + phasor.sine * phasor.sine);
   const float scale = 1.0F / static_cast<float>(source.amplitude_frac);
   const float c = phasor.cosine / amplitude, s = phasor.sine / amplitude;
   const float along = c * c * phasor.cos_cos + 2 * c * s * phasor.cos_sin + s * s * phasor.sin_sin;
@@ -344,9 +345,15 @@ void take_readings(const AxisPlan& plan, const AxisRow& rows, std::size_t col,
   for (std::size_t f = 0; f < plan.families.size(); ++f) {
     if (std::isfinite(rows.families[f].sd_px[col])) work.usable.push_back(f);
   }
-  std::stable_sort(work.usable.begin(), work.usable.end(), [&](std::size_t a, std::size_t b) {
-    return rows.families[a].sd_px[col] < rows.families[b].sd_px[col];
-  });
+  // By insertion: there are two or three, and std::stable_sort would allocate.
+  const std::vector<FamilyRow>& families = rows.families;
+  for (std::size_t i = 1; i < work.usable.size(); ++i) {
+    for (std::size_t j = i; j > 0; --j) {
+      std::size_t &before = work.usable[j - 1], &after = work.usable[j];
+      if (families[before].sd_px[col] <= families[after].sd_px[col]) break;
+      std::swap(before, after);
+    }
+  }
   work.phases.clear();
   for (const std::size_t f : work.usable) {
     work.phases.push_back({static_cast<float>(plan.families[f].family.period_px),
