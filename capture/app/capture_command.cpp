@@ -1,0 +1,127 @@
+// ssrig capture: one capture, maps included, as a new session folder.
+#include <cstdio>
+#include <memory>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "capture/app/commands.h"
+#include "capture/app/console.h"
+#include "capture/app/estimator_options.h"
+#include "capture/app/interrupts.h"
+#include "capture/app/open_rig.h"
+#include "capture/capture_job.h"
+#include "nlohmann/json.hpp"
+#include "rig/rig_file.h"
+
+namespace capture {
+namespace {
+
+struct CaptureArguments {
+  std::string rig_file;
+  std::string directory;  // empty: the rig file's
+  bool is_json = false;
+  CaptureOptions options;
+};
+
+std::string describe(const CaptureProgress& progress) {
+  if (progress.phase == CaptureProgress::Phase::kEstimating) return progress.text;
+  std::string text = std::to_string(progress.slots_filled) + " of " +
+                     std::to_string(progress.slots_total) + " slots, " + progress.text;
+  if (progress.retake_count > 0) text += ", " + std::to_string(progress.retake_count) + " retaken";
+  return text;
+}
+
+void print(const CaptureResult& result, bool is_json) {
+  if (is_json) {
+    const nlohmann::json json{{"session", result.session.string()},
+                              {"state", to_string(result.state)},
+                              {"exit_code", static_cast<int>(result.exit_code)},
+                              {"message", result.message},
+                              {"pictures", result.pictures},
+                              {"notes", result.notes}};
+    std::printf("%s\n", json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
+  } else if (!result.session.empty()) {
+    std::printf("%s\n", result.session.c_str());
+  }
+  for (const std::string& note : result.notes) std::fprintf(stderr, "note: %s\n", note.c_str());
+  if (result.exit_code == ExitCode::kDone)
+    std::fprintf(stderr, "%s\n", result.message.c_str());
+  else
+    complain(result.message);
+}
+
+// The main thread serves the window while a thread of its own runs the session.
+CaptureResult drive(OpenRig& rig, const CaptureJob& job, const std::stop_token& stop) {
+  ProgressLine line;
+  CaptureResult result;
+  std::stop_source is_over;
+  {
+    const std::jthread session([&] {
+      result = job.run(rig.devices(), stop, [&line](const CaptureProgress& progress) {
+        const bool is_estimating = progress.phase == CaptureProgress::Phase::kEstimating;
+        line.show(describe(progress), is_estimating);
+      });
+      is_over.request_stop();
+    });
+    // A display that fails is a DeviceFault to the session, which then ends by itself.
+    if (const auto served = rig.projector().run(is_over.get_token()); !served)
+      line.show("projector: " + served.error().detail, true);
+  }
+  return result;
+}
+
+CaptureResult refusal(ExitCode exit_code, std::string message) {
+  CaptureResult result;
+  result.exit_code = exit_code;
+  result.message = std::move(message);
+  return result;
+}
+
+CaptureResult capture_once(CaptureArguments arguments) {
+  const Interrupts interrupts;
+  const auto rig_file = rig::read_rig_file(arguments.rig_file);
+  if (!rig_file) return refusal(ExitCode::kUsage, rig_file.error().detail);
+  arguments.options.directory = rig_file->storage.directory;
+  if (!arguments.directory.empty()) arguments.options.directory = arguments.directory;
+  arguments.options.created = std::chrono::system_clock::now();
+  const auto job = CaptureJob::prepare(*rig_file, arguments.options);
+  if (!job) return job.error();
+  std::vector<std::string> problems;
+  const auto rig = OpenRig::open(*rig_file, problems);
+  if (!rig) {
+    std::string text;
+    for (const std::string& problem : problems) text += (text.empty() ? "" : "\nssrig: ") + problem;
+    return refusal(ExitCode::kDevice, text);
+  }
+  std::fprintf(stderr, "%s\n", rig->projector().report().text.c_str());
+  if (interrupts.stop().stop_requested())
+    return refusal(ExitCode::kAborted, "aborted before the first pattern");
+  return drive(*rig, *job, interrupts.stop());
+}
+
+}  // namespace
+
+void add_capture_command(CLI::App& program, const Select& select) {
+  auto arguments = std::make_shared<CaptureArguments>();  // shared: CLI11 copies callbacks
+  CLI::App* command = program.add_subcommand("capture", "one capture, maps included");
+  command->add_option("--rig", arguments->rig_file, "the rig file")->required();
+  command->add_option("--plan", arguments->options.plan, "which patterns")
+      ->check(CLI::IsMember({"paper"}))
+      ->capture_default_str();
+  command->add_option("--subject", arguments->options.subject, "who or what is photographed");
+  command->add_option("--out", arguments->directory,
+                      "where the session folder is made (default: as the rig file says)");
+  command->add_flag("--json", arguments->is_json, "the result as JSON");
+  add_estimator_options(*command, arguments->options.estimator);
+  command->callback([arguments, select] {
+    select([arguments] {
+      const CaptureResult result = capture_once(*arguments);
+      print(result, arguments->is_json);
+      return result.exit_code;
+    });
+  });
+}
+
+}  // namespace capture

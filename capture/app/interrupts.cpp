@@ -1,0 +1,34 @@
+#include "capture/app/interrupts.h"
+
+#include <pthread.h>
+#include <unistd.h>
+
+#include <ctime>
+
+#include "capture/exit_code.h"
+
+namespace capture {
+
+Interrupts::Interrupts() {
+  sigemptyset(&signals_);
+  sigaddset(&signals_, SIGINT);
+  sigaddset(&signals_, SIGTERM);
+  pthread_sigmask(SIG_BLOCK, &signals_, nullptr);
+  thread_ = std::jthread([this](const std::stop_token& is_over) { run(is_over); });
+}
+
+Interrupts::~Interrupts() {
+  // Wakes the thread: a blocked signal sent to it alone ends its wait.
+  thread_.request_stop();
+  pthread_kill(thread_.native_handle(), SIGTERM);
+}
+
+void Interrupts::run(const std::stop_token& is_over) {
+  while (true) {
+    int signal = 0;
+    if (sigwait(&signals_, &signal) != 0 || is_over.stop_requested()) return;
+    if (!stop_.request_stop()) ::_exit(static_cast<int>(ExitCode::kAborted));
+  }
+}
+
+}  // namespace capture

@@ -1,0 +1,28 @@
+// ssrig: per-pixel subsurface scattering maps of a face, live.
+#include <CLI/CLI.hpp>
+
+#include "capture/app/commands.h"
+
+int main(int argc, char** argv) {
+  CLI::App program(
+      "ssrig projects patterns on a face, photographs them, and returns per-pixel subsurface\n"
+      "scattering maps, geometry and pictures.\n"
+      "Exit codes: 0 done, 1 failed, 2 usage or configuration, 3 device, 4 incomplete capture,\n"
+      "5 storage, 130 aborted.",
+      "ssrig");
+  program.set_version_flag("--version", "ssrig " SSRIG_VERSION);
+  program.require_subcommand(1);
+  capture::Command command;
+  const capture::Select select = [&command](capture::Command chosen) {
+    command = std::move(chosen);
+  };
+  capture::add_capture_command(program, select);
+  capture::add_estimate_command(program, select);
+  capture::add_verify_command(program, select);
+  try {  // CLI11 says everything by exceptions, help too
+    program.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return program.exit(error) == 0 ? 0 : static_cast<int>(capture::ExitCode::kUsage);
+  }
+  return static_cast<int>(command());
+}

@@ -1,0 +1,33 @@
+#include "capture/app/open_rig.h"
+
+#include <utility>
+
+namespace capture {
+namespace {
+
+// What was opened, or nullptr and one more problem.
+template <typename Device>
+std::unique_ptr<Device> take(rig::Result<std::unique_ptr<Device>> opened, rig::Device device,
+                             std::vector<std::string>& problems) {
+  if (opened) return std::move(*opened);
+  problems.push_back(std::string(to_string(device)) + ": " + opened.error().detail);
+  return nullptr;
+}
+
+}  // namespace
+
+std::unique_ptr<OpenRig> OpenRig::open(const rig::RigFile& rig_file,
+                                       std::vector<std::string>& problems) {
+  std::unique_ptr<OpenRig> rig(new OpenRig);
+  rig::EventQueue& events = *rig->events_;
+  rig->camera_ =
+      take(rig::AravisCamera::open(rig_file.camera, events), rig::Device::kCamera, problems);
+  rig->trigger_ =
+      take(rig::LibusbTrigger::open(rig_file.trigger, events), rig::Device::kTrigger, problems);
+  rig->projector_ =
+      take(rig::GlfwProjector::open(rig_file.projector, events), rig::Device::kProjector, problems);
+  if (!problems.empty()) return nullptr;
+  return rig;
+}
+
+}  // namespace capture

@@ -1,0 +1,61 @@
+// ssrig verify SESSION: is a session whole, from its files alone?
+#include <cstdio>
+#include <memory>
+#include <string>
+
+#include "capture/app/commands.h"
+#include "capture/app/console.h"
+#include "estimation/session/verify.h"
+#include "nlohmann/json.hpp"
+
+namespace capture {
+namespace {
+
+struct VerifyArguments {
+  std::string session;
+  bool is_json = false;
+};
+
+void print_json(const estimation::VerifyReport& report) {
+  nlohmann::json json{{"state", report.state},
+                      {"frame_count", report.frame_count},
+                      {"checked_hash_count", report.checked_hash_count},
+                      {"problems", nlohmann::json::array()},
+                      {"notes", report.notes}};
+  for (const auto& problem : report.problems) json["problems"].push_back(problem.text());
+  // File names may hold any bytes: replace what is not UTF-8 rather than throw.
+  std::printf("%s\n", json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
+}
+
+void print_text(const estimation::VerifyReport& report) {
+  std::printf("state %s, %d frames read, %d of them with a matching hash\n", report.state.c_str(),
+              report.frame_count, report.checked_hash_count);
+  for (const auto& note : report.notes) std::printf("note: %s\n", note.c_str());
+}
+
+ExitCode verify(const VerifyArguments& arguments) {
+  const auto report = estimation::verify_session(arguments.session);
+  if (!report) {
+    complain(report.error().text());
+    return ExitCode::kFailed;
+  }
+  if (arguments.is_json)
+    print_json(*report);
+  else
+    print_text(*report);
+  for (const auto& problem : report->problems) complain(problem.text());
+  if (!report->problems.empty()) return ExitCode::kFailed;
+  return report->state == "complete" ? ExitCode::kDone : ExitCode::kIncomplete;
+}
+
+}  // namespace
+
+void add_verify_command(CLI::App& program, const Select& select) {
+  auto arguments = std::make_shared<VerifyArguments>();  // shared: CLI11 copies callbacks
+  CLI::App* command = program.add_subcommand("verify", "checks a session from its files alone");
+  command->add_option("session", arguments->session, "the session folder")->required();
+  command->add_flag("--json", arguments->is_json, "the report as JSON");
+  command->callback([arguments, select] { select([arguments] { return verify(*arguments); }); });
+}
+
+}  // namespace capture

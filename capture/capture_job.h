@@ -1,0 +1,71 @@
+// One whole capture: plan, session folder, frames, maps, report. What `ssrig capture` and the
+// daemon do with a rig that is open.
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "capture/exit_code.h"
+#include "capture/plan.h"
+#include "capture/runner.h"
+#include "estimation/estimator.h"
+#include "estimation/session/manifest.h"
+#include "rig/rig_file.h"
+
+namespace capture {
+
+struct CaptureOptions {
+  std::string plan = "paper";
+  std::string subject;
+  std::filesystem::path directory = "sessions";
+  std::chrono::system_clock::time_point created;  // names the session
+  estimation::EstimatorOptions estimator;
+};
+
+struct CaptureProgress {
+  enum class Phase { kCapturing, kEstimating };
+  Phase phase = Phase::kCapturing;
+  int slots_filled = 0;
+  int slots_total = 0;
+  int retake_count = 0;
+  std::string text;  // what is going on, one clause
+};
+// Called on the session thread, at each change.
+using OnProgress = std::function<void(const CaptureProgress&)>;
+
+struct CaptureResult {
+  ExitCode exit_code = ExitCode::kFailed;
+  std::string message;            // one sentence, with the remedy if there is one to give
+  std::filesystem::path session;  // empty: no folder was made
+  estimation::SessionState state = estimation::SessionState::kFailed;
+  std::vector<std::string> pictures;  // quick-look files, relative to the session
+  std::vector<std::string> notes;     // what could not be computed, and why
+};
+
+// Not thread-safe.
+class CaptureJob {
+ public:
+  // Everything that can be wrong before a device is needed: plan, calibration, options, storage.
+  // Errors: a result with kUsage or kStorage; nothing was written but the directory.
+  static tl::expected<CaptureJob, CaptureResult> prepare(const rig::RigFile& rig_file,
+                                                         const CaptureOptions& options);
+
+  // On the session thread, devices open. `stop` aborts the capture; maps under way are finished.
+  CaptureResult run(Devices devices, const std::stop_token& stop,
+                    const OnProgress& on_progress) const;
+
+ private:
+  CaptureJob(const rig::RigFile& rig_file, CaptureOptions options, Plan plan,
+             estimation::Manifest manifest);
+
+  rig::RigFile rig_file_;
+  CaptureOptions options_;
+  Plan plan_;
+  estimation::Manifest manifest_;
+};
+
+}  // namespace capture

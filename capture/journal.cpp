@@ -1,0 +1,67 @@
+#include "capture/journal.h"
+
+#include "nlohmann/json.hpp"
+
+namespace capture {
+namespace {
+
+using Json = nlohmann::json;
+
+void describe(const rig::PictureShown& shown, Json& line) { line["show_id"] = shown.show_id; }
+void describe(const rig::EdgeSeen& edge, Json& line) {
+  line["edge_number"] = edge.edge_number;
+  line["is_light"] = edge.is_light;
+}
+void describe(const rig::EdgeIgnored& edge, Json& line) { line["is_light"] = edge.is_light; }
+void describe(const rig::PulseEnded& pulse, Json& line) {
+  line["pulse_number"] = pulse.pulse_number;
+  line["bracket"] = pulse.pulse_index;
+}
+void describe(const FrameSeen& frame, Json& line) {
+  line["frame_id"] = frame.facts.block_id;
+  line["pulse_number"] = frame.facts.pulse_number();
+}
+void describe(const rig::FrameDamaged& damaged, Json& line) {
+  line["frame_id"] = damaged.block_id;
+  line["detail"] = damaged.error.detail;
+}
+void describe(const rig::DeviceFault& fault, Json& line) {
+  line["device"] = to_string(fault.device);
+  line["fault"] = to_string(fault.error.fault);
+  line["detail"] = fault.error.detail;
+}
+void describe(const CommandRefused& refused, Json& line) {
+  line["device"] = to_string(refused.device);
+  line["fault"] = to_string(refused.error.fault);
+  line["detail"] = refused.error.detail;
+}
+void describe(const StorageFailed& failed, Json& line) { line["detail"] = failed.text; }
+void describe(const Start&, Json&) {}
+void describe(const TimePassed&, Json&) {}
+void describe(const AbortRequested&, Json&) {}
+void describe(const Armed&, Json&) {}
+
+}  // namespace
+
+std::string journal_line(const Transition& transition, rig::HostTime start) {
+  const SequenceState& state = transition.state;
+  Json line{
+      {"time_us",
+       std::chrono::duration_cast<std::chrono::microseconds>(transition.time - start).count()},
+      {"event", name_of(transition.event)},
+      {"from", transition.from},
+      {"to", name_of(state.phase)},
+      {"pattern", state.ledger.showing_pattern()},
+      {"run", state.run_id}};
+  std::visit([&line](const auto& event) { describe(event, line); }, transition.event);
+  for (const Reacted& reacted : transition.reacted)
+    line["findings"].push_back({{"incident", to_string(reacted.finding.incident)},
+                                {"pattern", reacted.finding.pattern},
+                                {"bracket", reacted.finding.bracket},
+                                {"detail", reacted.finding.detail},
+                                {"reaction", to_string(reacted.reaction)}});
+  // Device text may hold any bytes: replace what is not UTF-8 rather than throw.
+  return line.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+}  // namespace capture

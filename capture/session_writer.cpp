@@ -1,0 +1,209 @@
+#include "capture/session_writer.h"
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <system_error>
+#include <utility>
+
+#include "estimation/session/frame_io.h"
+#include "nlohmann/json.hpp"
+
+namespace capture {
+namespace {
+
+using estimation::InputError;
+using estimation::InputFault;
+using estimation::Manifest;
+using estimation::Result;
+using estimation::SessionState;
+namespace fs = std::filesystem;
+
+// Journal lines come six to a frame; so many may wait beside the frames before push() blocks.
+constexpr std::size_t kJournalRoom = 4096;
+
+tl::unexpected<InputError> unwritable(const fs::path& path, const std::string& cause) {
+  return tl::unexpected(InputError{InputFault::kUnwritable, path.string(), "",
+                                   cause + "; make room or choose another folder"});
+}
+
+Result<void> write_manifest(const fs::path& folder, const Manifest& manifest) {
+  const std::string json = estimation::format_manifest(manifest);
+  std::vector<std::byte> bytes(json.size());
+  std::memcpy(bytes.data(), json.data(), json.size());
+  return estimation::write_file_atomically(folder / "session.json", bytes);
+}
+
+// A folder that did not exist before: making it is what claims the name.
+Result<fs::path> make_folder(const fs::path& directory, const std::string& name) {
+  constexpr int kNameLimit = 1000;
+  for (int number = 1; number <= kNameLimit; ++number) {
+    const fs::path folder = directory / (number == 1 ? name : name + "-" + std::to_string(number));
+    std::error_code error;
+    if (fs::create_directory(folder, error)) return folder;
+    if (error) return unwritable(folder, "the session folder cannot be made: " + error.message());
+  }
+  return unwritable(directory / name, "every name for the session is taken");
+}
+
+// The files that a calibration refers to, relative to itself.
+std::vector<std::string*> auxiliary_files(estimation::Calibration& calibration) {
+  std::vector<std::string*> files;
+  if (calibration.irradiance && calibration.irradiance->vignetting_file)
+    files.push_back(&*calibration.irradiance->vignetting_file);
+  if (calibration.stripe_transfer)
+    if (auto* transfer = std::get_if<estimation::TransferFile>(&*calibration.stripe_transfer))
+      files.push_back(&transfer->file);
+  return files;
+}
+
+// They come along, and the manifest names the copies.
+Result<void> copy_auxiliary_files(const fs::path& folder, const fs::path& calibration_file,
+                                  Manifest& manifest) {
+  for (std::string* file : auxiliary_files(manifest.calibration)) {
+    const fs::path source = calibration_file.parent_path() / *file;
+    const fs::path name = fs::path("calibration") / source.filename();
+    std::error_code error;
+    fs::create_directories(folder / "calibration", error);
+    if (!error) fs::copy_file(source, folder / name, error);
+    if (error)
+      return tl::unexpected(InputError{InputFault::kNotFound, source.string(), "",
+                                       "a file of the calibration cannot be copied (" +
+                                           error.message() + "); " + calibration_file.string() +
+                                           " names it"});
+    *file = name.string();
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<std::unique_ptr<SessionWriter>> SessionWriter::create(const fs::path& directory,
+                                                             Manifest plan,
+                                                             const fs::path& calibration_file) {
+  const auto folder = make_folder(directory, plan.id);
+  if (!folder) return tl::unexpected(folder.error());
+  plan.id = folder->filename().string();
+  const auto begin = [&]() -> Result<Journal> {
+    std::error_code error;
+    if (!fs::create_directory(*folder / "frames", error))
+      return unwritable(*folder / "frames", "the folder cannot be made: " + error.message());
+    if (const auto copied = copy_auxiliary_files(*folder, calibration_file, plan); !copied)
+      return tl::unexpected(copied.error());
+    Manifest empty = plan;
+    empty.frames.clear();
+    if (const auto written = write_manifest(*folder, empty); !written)
+      return tl::unexpected(written.error());
+    Journal journal(std::fopen((*folder / "journal.jsonl").c_str(), "w"));
+    if (!journal) return unwritable(*folder / "journal.jsonl", std::strerror(errno));
+    return journal;
+  };
+  auto journal = begin();
+  if (!journal) {
+    std::error_code ignored;  // the first error is the one to tell
+    fs::remove_all(*folder, ignored);
+    return tl::unexpected(journal.error());
+  }
+  return std::unique_ptr<SessionWriter>(
+      new SessionWriter(*folder, std::move(plan), std::move(*journal)));
+}
+
+SessionWriter::SessionWriter(fs::path folder, Manifest plan, Journal journal)
+    : folder_(std::move(folder)),
+      manifest_(std::move(plan)),
+      is_stored_(manifest_.frames.size(), false),
+      journal_(std::move(journal)),
+      queue_(manifest_.frames.size() + kJournalRoom),
+      thread_([this] { run(); }) {}
+
+SessionWriter::~SessionWriter() { queue_.close(); }
+
+void SessionWriter::write(const CapturedFrame& frame) { queue_.push(frame); }
+void SessionWriter::journal(std::string json_line) { queue_.push(std::move(json_line)); }
+
+std::optional<InputError> SessionWriter::fault() const {
+  const std::lock_guard lock(mutex_);
+  return fault_;
+}
+
+void SessionWriter::set_fault(InputError error) {
+  const std::lock_guard lock(mutex_);
+  if (!fault_) fault_ = std::move(error);
+}
+
+void SessionWriter::run() {
+  while (auto job = queue_.pop()) std::visit([this](const auto& item) { store(item); }, *job);
+}
+
+std::size_t SessionWriter::slot_index(SlotId slot) const {
+  const std::size_t bracket_count = manifest_.frames.size() / manifest_.patterns.size();
+  return static_cast<std::size_t>(slot.pattern) * bracket_count +
+         static_cast<std::size_t>(slot.bracket);
+}
+
+void SessionWriter::store(const CapturedFrame& frame) {
+  const std::size_t index = slot_index(frame.slot);
+  estimation::FrameRecord& record = manifest_.frames[index];
+  const auto hash = store_pixels(frame, record.file);
+  if (!hash) return set_fault(hash.error());
+  const auto in_ns = [](auto time) {
+    return std::chrono::duration_cast<std::chrono::nanoseconds>(time.time_since_epoch()).count();
+  };
+  record.frame_id = frame.evidence.block_id;
+  record.camera_timestamp_ns = in_ns(frame.evidence.camera_timestamp);
+  record.edge_timestamp_ns = in_ns(frame.evidence.edge);
+  record.sha256 = *hash;
+  is_stored_[index] = true;
+  store(nlohmann::json{{"event", "frame stored"},
+                       {"pattern", frame.slot.pattern},
+                       {"bracket", frame.slot.bracket},
+                       {"exposure_us", record.exposure_us},
+                       {"file", record.file},
+                       {"frame_id", *record.frame_id},
+                       {"camera_timestamp_ns", *record.camera_timestamp_ns},
+                       {"edge_timestamp_ns", *record.edge_timestamp_ns},
+                       {"sha256", *record.sha256}}
+            .dump());
+}
+
+Result<std::string> SessionWriter::store_pixels(const CapturedFrame& frame,
+                                                const std::string& file) {
+  const FrameSamples samples(*frame.frame);
+  const auto tiff =
+      estimation::encode_frame_tiff(samples.view(), manifest_.camera.pixel_format.bit_depth);
+  if (!tiff) return tl::unexpected(tiff.error());
+  if (const auto written = estimation::write_file_atomically(folder_ / file, *tiff); !written)
+    return tl::unexpected(written.error());
+  return estimation::sha256_hex(*tiff);
+}
+
+void SessionWriter::store(const std::string& line) {
+  // Flushed line by line: after a crash of the program the journal is whole.
+  const bool is_written = std::fputs(line.c_str(), journal_.get()) >= 0 &&
+                          std::fputc('\n', journal_.get()) != EOF &&
+                          std::fflush(journal_.get()) == 0;
+  if (!is_written) set_fault(unwritable(folder_ / "journal.jsonl", std::strerror(errno)).value());
+}
+
+Result<void> SessionWriter::finish(SessionState state,
+                                   std::optional<estimation::SessionFailure> failure) {
+  queue_.close();
+  thread_.join();
+  if (::fsync(::fileno(journal_.get())) != 0)
+    set_fault(unwritable(folder_ / "journal.jsonl", std::strerror(errno)).value());
+  const auto unstored = fault();
+  manifest_.state = unstored && state == SessionState::kComplete ? SessionState::kFailed : state;
+  manifest_.failure = std::move(failure);
+  if (unstored && !manifest_.failure)
+    manifest_.failure = estimation::SessionFailure{"storage", {}, unstored->text()};
+  Manifest written = manifest_;
+  written.frames.clear();
+  for (std::size_t i = 0; i < manifest_.frames.size(); ++i)
+    if (is_stored_[i]) written.frames.push_back(manifest_.frames[i]);
+  const auto result = write_manifest(folder_, written);
+  if (unstored) return tl::unexpected(*unstored);
+  return result;
+}
+
+}  // namespace capture

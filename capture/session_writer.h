@@ -1,0 +1,78 @@
+// Writes one session folder while it is captured: manifest first, frames and journal as they come,
+// manifest again at the end.
+#pragma once
+
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <variant>
+#include <vector>
+
+#include "capture/bounded_queue.h"
+#include "capture/captured_frame.h"
+#include "estimation/session/error.h"
+#include "estimation/session/manifest.h"
+
+namespace capture {
+
+// Calls come from the session thread; frames and journal lines are written by a thread of its own.
+// Frames never wait in vain: the queue has room for every slot of the plan, and what was taken is
+// written even when the capture is aborted. Each frame file is whole or absent.
+class SessionWriter {
+ public:
+  // Makes a new folder in `directory`, never an existing one: with a name that is taken, "-2",
+  // "-3" ... is appended. `plan` is plan_manifest()'s; the auxiliary files that it names are copied
+  // from beside `calibration_file`.
+  // Errors: kUnwritable, kNotFound; then the folder is removed again.
+  static estimation::Result<std::unique_ptr<SessionWriter>> create(
+      const std::filesystem::path& directory, estimation::Manifest plan,
+      const std::filesystem::path& calibration_file);
+  ~SessionWriter();
+  SessionWriter(const SessionWriter&) = delete;
+  SessionWriter& operator=(const SessionWriter&) = delete;
+
+  const std::filesystem::path& folder() const { return folder_; }
+  // The plan with the session's own id and file names; before the first write().
+  const estimation::Manifest& manifest() const { return manifest_; }
+
+  void write(const CapturedFrame& frame);
+  void journal(std::string json_line);
+  // The first thing that could not be written; thread-safe.
+  std::optional<estimation::InputError> fault() const;
+
+  // Waits for all that was handed over, then rewrites the manifest with the frames that are on
+  // disk. Once. Errors: fault()'s, or the manifest's own; a session that could not be stored is
+  // `failed` as far as that can be written.
+  estimation::Result<void> finish(estimation::SessionState state,
+                                  std::optional<estimation::SessionFailure> failure);
+
+ private:
+  struct CloseFile {
+    void operator()(std::FILE* file) const { std::fclose(file); }
+  };
+  using Journal = std::unique_ptr<std::FILE, CloseFile>;
+  using Job = std::variant<CapturedFrame, std::string>;
+
+  SessionWriter(std::filesystem::path folder, estimation::Manifest plan, Journal journal);
+  void run();
+  void store(const CapturedFrame& frame);
+  void store(const std::string& line);
+  estimation::Result<std::string> store_pixels(const CapturedFrame& frame, const std::string& file);
+  std::size_t slot_index(SlotId slot) const;
+  void set_fault(estimation::InputError error);
+
+  const std::filesystem::path folder_;
+  estimation::Manifest manifest_;  // frames: one record a slot; the write thread fills them in
+  std::vector<bool> is_stored_;    // [slot]; the write thread's until it has ended
+  Journal journal_;                // the write thread's
+  mutable std::mutex mutex_;
+  std::optional<estimation::InputError> fault_;  // guarded by mutex_
+  BoundedQueue<Job> queue_;
+  std::jthread thread_;
+};
+
+}  // namespace capture
