@@ -16,7 +16,8 @@ constexpr Material material(double ar, double ag, double ab, double sr, double s
 }
 
 // Tariq et al., "Efficient Estimation of Spatially Varying Subsurface Scattering Parameters"
-// (2006), Table 2: sigma_a R G B, sigma_s' R G B, 1/mm.
+// (2006), Table 2: sigma_a R G B, sigma_s' R G B, 1/mm. As printed: the man's forehead absorbs more
+// red than green, and looks it.
 constexpr Material kFemaleLips = material(0.0657, 0.2505, 0.2835, 1.102, 0.9084, 0.7982);
 constexpr Material kFemaleForehead = material(0.0836, 0.1774, 0.2554, 1.3079, 1.5042, 1.1741);
 constexpr Material kFemaleCheek = material(0.0525, 0.1653, 0.2216, 1.2814, 1.5000, 1.1248);

@@ -72,24 +72,31 @@ class Head final : public Shape {
                  20);
   }
   double eyes(double d, const Vec3& half) const {
-    d = blend(d, cone(half, {8, -15, -70}, {36, -18, -60}, with_.brow_mm, with_.brow_mm - 1), 16);
-    d = carve(d, ellipsoid(half, {30, 2, -82}, {17, 13, 16}), 14);
-    return blend(d, ellipsoid(half, {30, 3, -60}, {14, 10.5, 12.5}), 5);
+    const double brow = cone(half, {10, -14, -70}, {46, -9, -42}, with_.brow_mm, 2.5);
+    d = blend(d, brow, 18);
+    d = carve(d, ellipsoid(half, {30, 3, -83}, {19, 13, 17}), 16);
+    const double eyeball = ellipsoid(half, {30, 3.5, -60.5}, {13.5, 10, 12.5});
+    d = blend(d, eyeball, 6);
+    // The slit between closed lids: an arc below the eyeball's middle.
+    return carve(d, cone(half, {20, 5.5, -72}, {41, 6, -70.5}, 1.0, 0.8), 3.5);
   }
   double nose(double d, const Vec3& p, const Vec3& half) const {
     const double tip_z = -76 - with_.nose_length_mm;
-    d = blend(d, cone(p, {0, -10, -72}, {0, 32, tip_z + 5}, 5.5, with_.nose_width_mm + 1.5), 12);
-    d = blend(d, ellipsoid(p, {0, 33, tip_z + 5}, {8.5, 8, 9}), 6);
-    d = blend(d, ellipsoid(half, {with_.nose_width_mm + 4, 36, tip_z + 16}, {6.5, 6.5, 9}), 6);
-    return carve(d, ellipsoid(half, {5.8, 42.5, tip_z + 11}, {2.6, 3.5, 4.5}), 4);
+    d = blend(d, cone(p, {0, -12, -71}, {0, 31, tip_z + 6}, 5, with_.nose_width_mm + 1), 14);
+    d = blend(d, ellipsoid(p, {0, 33, tip_z + 6}, {9, 7.5, 8.5}), 9);
+    const Vec3 wing(with_.nose_width_mm + 2, 36.5, tip_z + 16);
+    d = blend(d, ellipsoid(half, wing, {6, 5.6, 9}), 13);
+    return carve(d, ellipsoid(half, {5.6, 43, tip_z + 11}, {2.6, 3.6, 4.5}), 4);
   }
   double mouth(double d, const Vec3& p, const Vec3& half) const {
-    d = blend(d, ellipsoid(p, {0, 62, -62}, {26, 17, 18}), 16);
-    const double upper = cone(half, {2.5, 58, -79.5}, {21, 63, -70}, with_.lip_mm, 2.2);
-    const double lower = cone(half, {0, 67, -78.5}, {19, 64, -70.5}, with_.lip_mm + 0.8, 2.2);
+    d = blend(d, ellipsoid(p, {0, 62, -62}, {26, 18, 18}), 18);
+    const double upper = cone(half, {4, 58.2, -79}, {22, 63, -69.5}, with_.lip_mm, 1.8);
+    const double lower = cone(half, {0, 67.5, -78.5}, {20, 64, -70.5}, with_.lip_mm + 1, 1.8);
     d = blend(d, upper, 5);
     d = blend(d, lower, 5);
-    return carve(d, cone(half, {0, 62.6, -87}, {22, 63.6, -77}, 1.6, 0.6), 4);
+    d = carve(d, cone(half, {0, 62.8, -85.5}, {24, 63.8, -73}, 2.0, 0.8), 3.5);
+    // The groove between nose and lip.
+    return carve(d, cone(p, {0, 46, -86}, {0, 53, -86.5}, 2.2, 2.2), 6);
   }
   static double ears(double d, const Vec3& half) {
     d = blend(d, ellipsoid(half, {71, 8, 14}, {6.5, 27, 15}), 8);

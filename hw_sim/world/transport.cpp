@@ -16,8 +16,8 @@ namespace {
 
 constexpr double kTailFrac = 1e-4;  // of R_d beyond the radius that is summed
 // Lattice spacing, in units of the kernel's depth z_r, from which the finer lattice is used: its
-// aliases are exp(-2 pi / 0.7) of the kernel, 1e-4.
-constexpr double kCoarseSpacing = 0.7;
+// aliases are exp(-2 pi / 0.8) of the kernel, 4e-4.
+constexpr double kCoarseSpacing = 0.8;
 constexpr std::size_t kChunk = 512;  // samples a task
 
 std::size_t to_size(int value) { return static_cast<std::size_t>(value); }
@@ -38,10 +38,16 @@ bool needs_fine(const SeenSample& sample, const Pinhole& projector) {
   return distance_mm / projector.focal_px() / cosine > kCoarseSpacing * depth_mm;
 }
 
+// A sphere around a point as the projector sees it, px.
+struct Disc {
+  double row_px = 0, col_px = 0, radius_px = 0;
+};
+
 // The lattice points of `lattice` within `rect` (projector pixels, grown by `margin` points) and
-// within the kernel's radius: calls use(lattice row, lattice col, index, weight).
+// within the kernel's radius, which `disc` holds: calls use(lattice row, lattice col, index,
+// weight).
 template <typename Use>
-void for_each_lit(const LightLattice& lattice, const Rect& rect, int margin,
+void for_each_lit(const LightLattice& lattice, const Disc& disc, const Rect& rect, int margin,
                   const std::array<float, 3>& point, const KernelTable& kernel, const Use& use) {
   const int n = lattice.per_px;
   const int row_begin = std::max(rect.row_begin * n - margin, 0);
@@ -51,7 +57,12 @@ void for_each_lit(const LightLattice& lattice, const Rect& rect, int margin,
   const float radius2 = kernel.radius2_mm2();
   for (int row = row_begin; row < row_end; ++row) {
     const std::size_t base = to_size(row) * to_size(lattice.width);
-    for (int col = col_begin; col < col_end; ++col) {
+    const double off_px = (row + 0.5) / n - 0.5 - disc.row_px;
+    const double half_px =
+        std::sqrt(std::max(0.0, disc.radius_px * disc.radius_px - off_px * off_px));
+    const int chord_begin = static_cast<int>((disc.col_px - half_px) * n) - 1;
+    const int chord_end = static_cast<int>((disc.col_px + half_px + 1) * n) + 1;
+    for (int col = std::max(col_begin, chord_begin); col < std::min(col_end, chord_end); ++col) {
       const std::size_t i = base + to_size(col);
       const float dx = lattice.x_mm[i] - point[0];
       const float dy = lattice.y_mm[i] - point[1];
@@ -139,30 +150,35 @@ struct Transport::Worker {
     kernel = KernelTable(dipole, radius_mm);
   }
 
-  Rect reach_of(const SeenSample& sample, double distance_mm) const {
+  // What the projector sees of the sphere of the kernel's radius; one more pixel for the lens's
+  // distortion and perspective. Radius 0: behind the projector.
+  Disc disc_of(const SeenSample& sample) const {
     const Vec3 point = point_of(sample);
     const ProjectedPoint center = light.projector().project(point);
     if (!center.is_in_front) return {};
-    // A sphere of that radius, seen from the projector; one more pixel for the lens's distortion
-    // and perspective.
-    const double reach_px =
+    const double distance_mm = cv::norm(point - light.projector().center_mm());
+    const double radius_px =
         light.projector().focal_px() * radius_mm / std::max(distance_mm - radius_mm, 1.0) * 1.02 +
         1;
+    return {center.row_px, center.col_px, radius_px};
+  }
+
+  Rect reach_of(const Disc& disc) const {
+    if (disc.radius_px <= 0) return {};
     const auto clamped = [](double value, int limit) {
       return static_cast<int>(std::clamp(value, 0.0, static_cast<double>(limit)));
     };
-    return {clamped(std::floor(center.row_px - reach_px), light.height_px()),
-            clamped(std::ceil(center.row_px + reach_px) + 1, light.height_px()),
-            clamped(std::floor(center.col_px - reach_px), light.width_px()),
-            clamped(std::ceil(center.col_px + reach_px) + 1, light.width_px())};
+    return {clamped(std::floor(disc.row_px - disc.radius_px), light.height_px()),
+            clamped(std::ceil(disc.row_px + disc.radius_px) + 1, light.height_px()),
+            clamped(std::floor(disc.col_px - disc.radius_px), light.width_px()),
+            clamped(std::ceil(disc.col_px + disc.radius_px) + 1, light.width_px())};
   }
 
   Entry measure(const SeenSample& sample) {
     use_material(sample.scattering);
-    const Vec3 point = point_of(sample);
-    const double distance_mm = cv::norm(point - light.projector().center_mm());
+    const Disc disc = disc_of(sample);
     Entry entry;
-    entry.reach = reach_of(sample, distance_mm);
+    entry.reach = reach_of(disc);
     if (entry.reach.empty()) return entry;
     entry.is_fine = needs_fine(sample, light.projector()) ? 1 : 0;
     const LightLattice& lattice = entry.is_fine != 0 ? fine : coarse;
@@ -171,12 +187,11 @@ struct Transport::Worker {
     const Rect& reach = entry.reach;
     std::vector<float> by_col(to_size((reach.col_end - reach.col_begin) * n + 2 * kMargin), 0.0F);
     std::vector<float> by_row(to_size((reach.row_end - reach.row_begin) * n + 2 * kMargin), 0.0F);
-    float* const cols = by_col.data() + kMargin - reach.col_begin * n;
-    float* const rows = by_row.data() + kMargin - reach.row_begin * n;
-    for_each_lit(lattice, reach, kMargin, sample.point_mm, kernel,
+    const int first_col = reach.col_begin * n - kMargin, first_row = reach.row_begin * n - kMargin;
+    for_each_lit(lattice, disc, reach, kMargin, sample.point_mm, kernel,
                  [&](int row, int col, std::size_t, float weight) {
-                   cols[col] += weight;
-                   rows[row] += weight;
+                   by_col[to_size(col - first_col)] += weight;
+                   by_row[to_size(row - first_row)] += weight;
                  });
     entry.windows[0] = store(to_pixels(by_col, kMargin, n), reach.col_begin);
     entry.windows[1] = store(to_pixels(by_row, kMargin, n), reach.row_begin);
@@ -315,29 +330,29 @@ void Transport::add_rest(estimation::ImageView<const unsigned char> brightness,
   const std::vector<float> coarse_light = light_on_lattice(coarse, std::as_const(rest).view());
   const std::vector<float> fine_light =
       any_fine ? light_on_lattice(fine, std::as_const(rest).view()) : std::vector<float>{};
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, entries_.size(), kChunk),
-                    [&](const tbb::blocked_range<std::size_t>& range) {
-                      Worker worker{*light_, coarse, fine, {}, {}, {}};
-                      for (std::size_t i = range.begin(); i < range.end(); ++i) {
-                        const Entry& entry = entries_[i];
-                        if (!entry.reach.meets(split.rest)) continue;
-                        const SeenSample& sample = (*samples_)[i];
-                        worker.use_material(sample.scattering);
-                        const bool is_fine = entry.is_fine != 0;
-                        const std::vector<float>& lit = is_fine ? fine_light : coarse_light;
-                        const Rect both{std::max(entry.reach.row_begin, split.rest.row_begin - 2),
-                                        std::min(entry.reach.row_end, split.rest.row_end + 2),
-                                        std::max(entry.reach.col_begin, split.rest.col_begin - 2),
-                                        std::min(entry.reach.col_end, split.rest.col_end + 2)};
-                        double sum = 0;
-                        for_each_lit(is_fine ? fine : coarse, both, 2, sample.point_mm,
-                                     worker.kernel, [&](int, int, std::size_t index, float weight) {
-                                       sum += static_cast<double>(weight) *
-                                              static_cast<double>(lit[index]);
-                                     });
-                        linear[to_size(sample.sample)] += static_cast<float>(sum);
-                      }
-                    });
+  tbb::parallel_for(
+      tbb::blocked_range<std::size_t>(0, entries_.size(), kChunk),
+      [&](const tbb::blocked_range<std::size_t>& range) {
+        Worker worker{*light_, coarse, fine, {}, {}, {}};
+        for (std::size_t i = range.begin(); i < range.end(); ++i) {
+          const Entry& entry = entries_[i];
+          if (!entry.reach.meets(split.rest)) continue;
+          const SeenSample& sample = (*samples_)[i];
+          worker.use_material(sample.scattering);
+          const bool is_fine = entry.is_fine != 0;
+          const std::vector<float>& lit = is_fine ? fine_light : coarse_light;
+          const Rect both{std::max(entry.reach.row_begin, split.rest.row_begin - 2),
+                          std::min(entry.reach.row_end, split.rest.row_end + 2),
+                          std::max(entry.reach.col_begin, split.rest.col_begin - 2),
+                          std::min(entry.reach.col_end, split.rest.col_end + 2)};
+          double sum = 0;
+          for_each_lit(is_fine ? fine : coarse, worker.disc_of(sample), both, 2, sample.point_mm,
+                       worker.kernel, [&](int, int, std::size_t index, float weight) {
+                         sum += static_cast<double>(weight) * static_cast<double>(lit[index]);
+                       });
+          linear[to_size(sample.sample)] += static_cast<float>(sum);
+        }
+      });
 }
 
 }  // namespace hw_sim
