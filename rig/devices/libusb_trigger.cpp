@@ -208,6 +208,28 @@ Result<void> LibusbTrigger::start() {
                    "trigger box " + identity_.serial + " is in use by another program (" +
                        libusb_strerror(code) + "): is a second ssrig running?");
   }
+  prepare_transfers();
+  event_thread_ = std::jthread([this] { run_events(); });
+  return greet();
+}
+
+void LibusbTrigger::prepare_transfers() {
+  for (std::size_t i = 0; i < kReadCount; ++i) {
+    auto read = std::make_unique<Read>();
+    read->transfer.reset(libusb_alloc_transfer(0));
+    libusb_fill_bulk_transfer(read->transfer.get(), handle_.get(), tb1::kEndpointIn,
+                              read->buffer.data(), static_cast<int>(kReadBytes), &on_read, this, 0);
+    reads_.push_back(std::move(read));
+  }
+  time_query_.transfer.reset(libusb_alloc_transfer(0));
+  libusb_fill_control_setup(time_query_.buffer.data(), tb1::kRequestTypeIn,
+                            static_cast<std::uint8_t>(Request::kGetTime), 0, 0, tb1::kTimeBytes);
+  libusb_fill_control_transfer(time_query_.transfer.get(), handle_.get(), time_query_.buffer.data(),
+                               &on_time, this, kRequestTimeout_ms);
+  question_.transfer.reset(libusb_alloc_transfer(0));
+}
+
+Result<void> LibusbTrigger::greet() {
   const auto info_bytes = request_in(Request::kGetInfo, tb1::kInfoBytes);
   if (!info_bytes) return tl::unexpected(info_bytes.error());
   const auto info = tb1::decode_info(*info_bytes);
@@ -222,23 +244,7 @@ Result<void> LibusbTrigger::start() {
   }
   // A program that crashed may have left it armed.
   if (const auto disarmed = request_out(Request::kDisarm, 0, {}); !disarmed) return disarmed;
-  if (const auto synchronised = synchronise_clock(); !synchronised) return synchronised;
-
-  for (std::size_t i = 0; i < kReadCount; ++i) {
-    auto read = std::make_unique<Read>();
-    read->transfer.reset(libusb_alloc_transfer(0));
-    libusb_fill_bulk_transfer(read->transfer.get(), handle_.get(), tb1::kEndpointIn,
-                              read->buffer.data(), static_cast<int>(kReadBytes), &on_read, this, 0);
-    reads_.push_back(std::move(read));
-  }
-  time_query_.transfer.reset(libusb_alloc_transfer(0));
-  libusb_fill_control_setup(time_query_.buffer.data(), tb1::kRequestTypeIn,
-                            static_cast<std::uint8_t>(Request::kGetTime), 0, 0, tb1::kTimeBytes);
-  libusb_fill_control_transfer(time_query_.transfer.get(), handle_.get(), time_query_.buffer.data(),
-                               &on_time, this, kRequestTimeout_ms);
-  last_heartbeat_ = HostClock::now();
-  event_thread_ = std::jthread([this] { run_events(); });
-  return {};
+  return synchronise_clock();
 }
 
 LibusbTrigger::~LibusbTrigger() {
@@ -260,10 +266,6 @@ Result<void> LibusbTrigger::arm(const std::vector<std::chrono::microseconds>& pu
   if (is_armed_) {
     return failure(Fault::kBusy, "trigger box " + identity_.serial + " is armed already");
   }
-  if (is_closing()) {
-    return failure(Fault::kDeviceLost,
-                   "trigger box " + identity_.serial + " was lost: open it anew");
-  }
   if (const auto configured = configure(pulse_widths); !configured) return configured;
   if (const auto synchronised = synchronise_clock(); !synchronised) return synchronised;
   {
@@ -273,17 +275,22 @@ Result<void> LibusbTrigger::arm(const std::vector<std::chrono::microseconds>& pu
   }
   const auto armed = request_out(Request::kArm, tb1::wire_run_id(run_id), {});
   is_armed_ = armed.has_value();
-  if (!armed) {
-    const std::lock_guard lock(mutex_);
-    run_.reset();
-  }
-  return armed;
+  if (armed) return {};
+  // It may have come through all the same.
+  const auto disarmed = request_out(Request::kDisarm, 0, {});
+  const std::lock_guard lock(mutex_);
+  run_.reset();
+  Error error = armed.error();
+  if (!disarmed) error.detail += "; until then it may be armed";
+  return tl::unexpected(std::move(error));
 }
 
 Result<void> LibusbTrigger::configure(const std::vector<std::chrono::microseconds>& pulse_widths) {
   const auto config = tb1::make_config(settings_, pulse_widths);
   if (!config) return tl::unexpected(config.error());
   const auto wanted = tb1::encode(*config);
+  // Armed by an arming or left so by a disarming whose answer was lost, it would refuse.
+  if (const auto disarmed = request_out(Request::kDisarm, 0, {}); !disarmed) return disarmed;
   if (const auto set = request_out(Request::kSetConfig, 0, wanted); !set) return set;
   const auto present = request_in(Request::kGetConfig, tb1::kConfigBytes);
   if (!present) return tl::unexpected(present.error());
@@ -339,65 +346,109 @@ Result<void> LibusbTrigger::synchronise_clock() {
     const HostTime sent = HostClock::now();
     const auto bytes = request_in(Request::kGetTime, tb1::kTimeBytes);
     if (!bytes) return tl::unexpected(bytes.error());
-    const HostTime received = HostClock::now();
     const auto time_us = tb1::decode_time(*bytes);
     if (!time_us) return tl::unexpected(time_us.error());
     const std::lock_guard lock(mutex_);
-    clock_.add(tb1::to_time_point(*time_us), sent + (received - sent) / 2, (received - sent) / 2);
+    const auto half = (question_.answered - sent) / 2;
+    clock_.add(tb1::to_time_point(*time_us), sent + half, half);
   }
   return {};
 }
 
 Result<void> LibusbTrigger::request_out(Request request, std::uint16_t value,
                                         std::span<const std::uint8_t> data) {
-  std::vector<std::uint8_t> buffer(data.begin(), data.end());  // libusb wants it mutable
-  const int code = libusb_control_transfer(
-      handle_.get(), tb1::kRequestTypeOut, static_cast<std::uint8_t>(request), value, 0,
-      buffer.data(), static_cast<std::uint16_t>(buffer.size()), kRequestTimeout_ms);
-  if (code != static_cast<int>(buffer.size())) return tl::unexpected(request_error(request, code));
+  const auto asked = ask(tb1::kRequestTypeOut, request, value, data, data.size());
+  if (!asked) return tl::unexpected(asked.error());
+  if (*asked != data.size()) {
+    return failure(Fault::kProtocol, "trigger box " + identity_.serial + " took only " +
+                                         std::to_string(*asked) + " bytes of " +
+                                         to_string(request));
+  }
   return {};
 }
 
 Result<std::vector<std::uint8_t>> LibusbTrigger::request_in(Request request,
                                                             std::size_t size_bytes) {
-  std::vector<std::uint8_t> buffer(size_bytes);
-  const int code = libusb_control_transfer(
-      handle_.get(), tb1::kRequestTypeIn, static_cast<std::uint8_t>(request), 0, 0, buffer.data(),
-      static_cast<std::uint16_t>(buffer.size()), kRequestTimeout_ms);
-  if (code < 0) return tl::unexpected(request_error(request, code));
-  buffer.resize(static_cast<std::size_t>(code));
-  return buffer;
+  const auto asked = ask(tb1::kRequestTypeIn, request, 0, {}, size_bytes);
+  if (!asked) return tl::unexpected(asked.error());
+  const auto answer = std::span(question_.buffer).subspan(LIBUSB_CONTROL_SETUP_SIZE, *asked);
+  return std::vector<std::uint8_t>(answer.begin(), answer.end());
 }
 
-Error LibusbTrigger::request_error(Request request, int code) {
+Result<std::size_t> LibusbTrigger::ask(std::uint8_t request_type, Request request,
+                                       std::uint16_t value, std::span<const std::uint8_t> data,
+                                       std::size_t size_bytes) {
+  std::unique_lock lock(mutex_);
+  // A box that only stopped to be readable can still be disarmed.
+  if (is_lost_ && request != Request::kDisarm) return tl::unexpected(gone());
+  if (question_.is_in_flight) {
+    return tl::unexpected(transfer_error(request, LIBUSB_TRANSFER_TIMED_OUT));
+  }
+  libusb_fill_control_setup(question_.buffer.data(), request_type,
+                            static_cast<std::uint8_t>(request), value, 0,
+                            static_cast<std::uint16_t>(size_bytes));
+  std::copy(data.begin(), data.end(), question_.buffer.begin() + LIBUSB_CONTROL_SETUP_SIZE);
+  libusb_fill_control_transfer(question_.transfer.get(), handle_.get(), question_.buffer.data(),
+                               &on_answer, this, kRequestTimeout_ms);
+  question_.is_in_flight = true;
+  lock.unlock();
+  const int code = libusb_submit_transfer(question_.transfer.get());
+  lock.lock();
+  if (code != 0) {
+    question_.is_in_flight = false;
+    lock.unlock();
+    return tl::unexpected(submit_error(request, code));
+  }
+  // libusb keeps the time; ours is for an event thread that does not come back at all.
+  const bool is_answered = answered_.wait_for(lock, 4 * milliseconds(kRequestTimeout_ms),
+                                              [this] { return !question_.is_in_flight; });
+  lock.unlock();
+  const int status =
+      is_answered ? static_cast<int>(question_.transfer->status) : LIBUSB_TRANSFER_TIMED_OUT;
+  if (status != LIBUSB_TRANSFER_COMPLETED) return tl::unexpected(transfer_error(request, status));
+  return static_cast<std::size_t>(question_.transfer->actual_length);
+}
+
+Error LibusbTrigger::submit_error(Request request, int code) {
+  if (code == LIBUSB_ERROR_NO_DEVICE) {
+    lose_device();
+    return gone();
+  }
+  return {Fault::kProtocol, "trigger box " + identity_.serial + ": " + to_string(request) +
+                                " was not sent: " + libusb_strerror(code)};
+}
+
+Error LibusbTrigger::transfer_error(Request request, int status) {
   const std::string box = "trigger box " + identity_.serial;
-  switch (code) {
-    case LIBUSB_ERROR_NO_DEVICE:
+  switch (status) {
+    case LIBUSB_TRANSFER_NO_DEVICE:
       lose_device();
-      return {Fault::kDeviceLost, box + " is gone: check its cable, and open it anew"};
-    case LIBUSB_ERROR_TIMEOUT:
+      return gone();
+    case LIBUSB_TRANSFER_TIMED_OUT:
       return {Fault::kTimeout,
               box + " does not answer " + to_string(request) + ": plug it in again"};
-    case LIBUSB_ERROR_PIPE:
+    case LIBUSB_TRANSFER_STALL:
       return {Fault::kProtocol, box + " refuses " + to_string(request)};
     default:
-      return {Fault::kProtocol, box + ": " + to_string(request) + " failed: " +
-                                    (code < 0 ? libusb_strerror(code) : "it was cut short")};
+      return {Fault::kProtocol, box + ": " + to_string(request) + " failed: check the cable"};
   }
+}
+
+Error LibusbTrigger::gone() {
+  return {Fault::kDeviceLost, "trigger box " + identity_.serial +
+                                  " is gone from USB: check its cable, and open it anew"};
 }
 
 // ---- Event thread ----
 
 void LibusbTrigger::run_events() {
+  last_heartbeat_ = HostClock::now();
   for (const auto& read : reads_) submit(*read);
   std::optional<HostTime> give_up;
   while (true) {
-    {
-      const std::lock_guard lock(mutex_);
-      if (is_stopping_ && !give_up) {
-        give_up = HostClock::now() + kTeardownDeadline;
-        cancel_transfers();
-      }
+    if (!give_up && is_stopping()) {
+      give_up = HostClock::now() + kTeardownDeadline;
+      cancel_transfers();
     }
     if (give_up && (!has_transfer_in_flight() || HostClock::now() > *give_up)) return;
     timeval poll{0, std::chrono::microseconds(kEventPoll).count()};
@@ -481,6 +532,11 @@ bool LibusbTrigger::is_closing() const {
   return is_stopping_ || is_lost_;
 }
 
+bool LibusbTrigger::is_stopping() const {
+  const std::lock_guard lock(mutex_);
+  return is_stopping_;
+}
+
 void LibusbTrigger::take_records(std::span<const std::uint8_t> bytes) {
   const auto records = tb1::decode_records(bytes);
   if (!records) {
@@ -529,6 +585,16 @@ void LibusbTrigger::on_time(libusb_transfer* transfer) {
   self.clock_.add(tb1::to_time_point(*time_us), self.time_query_.sent + half, half);
 }
 
+void LibusbTrigger::on_answer(libusb_transfer* transfer) {
+  auto& self = *static_cast<LibusbTrigger*>(transfer->user_data);
+  {
+    const std::lock_guard lock(self.mutex_);
+    self.question_.is_in_flight = false;
+    self.question_.answered = HostClock::now();
+  }
+  self.answered_.notify_all();
+}
+
 void LibusbTrigger::check_heartbeat() {
   if (is_closing()) return;
   const auto silence = HostClock::now() - last_heartbeat_;
@@ -544,12 +610,15 @@ void LibusbTrigger::cancel_transfers() {
     if (read->is_in_flight) libusb_cancel_transfer(read->transfer.get());
   }
   if (time_query_.is_in_flight) libusb_cancel_transfer(time_query_.transfer.get());
+  const std::lock_guard lock(mutex_);
+  if (question_.is_in_flight) libusb_cancel_transfer(question_.transfer.get());
 }
 
 bool LibusbTrigger::has_transfer_in_flight() const {
-  return time_query_.is_in_flight ||
-         std::any_of(reads_.begin(), reads_.end(),
-                     [](const auto& read) { return read->is_in_flight; });
+  const bool is_reading = std::any_of(reads_.begin(), reads_.end(),
+                                      [](const auto& read) { return read->is_in_flight; });
+  const std::lock_guard lock(mutex_);
+  return is_reading || time_query_.is_in_flight || question_.is_in_flight;
 }
 
 void LibusbTrigger::post_fault(Fault fault, std::string detail) {
@@ -562,8 +631,7 @@ void LibusbTrigger::lose_device() {
     if (std::exchange(is_lost_, true)) return;
   }
   run_ended_.notify_all();
-  post_fault(Fault::kDeviceLost, "trigger box " + identity_.serial +
-                                     " is gone from USB: check its cable, and open it anew");
+  sink_.post(DeviceFault{Device::kTrigger, gone()});
 }
 
 }  // namespace rig

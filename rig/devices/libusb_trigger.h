@@ -3,7 +3,9 @@
 //
 // Two threads. The session's thread makes the vendor requests (arm, disarm, counters), each with a
 // time limit. The event thread below keeps eight reads in flight, turns records into events, asks
-// the box for its time at every heartbeat, and watches that the heart beats.
+// the box for its time at every heartbeat, and watches that the heart beats. All of libusb's
+// callbacks run on it: its synchronous calls, which would handle events on the caller's thread, are
+// not used while it runs.
 #pragma once
 
 #include <array>
@@ -93,24 +95,40 @@ class LibusbTrigger final : public Trigger {
     HostTime sent;
   };
 
+  // A vendor request that the session's thread waits for.
+  struct Question {
+    std::array<std::uint8_t, 8 + tb1::kPacketBytes> buffer{};
+    Transfer transfer;
+    bool is_in_flight = false;  // guarded by mutex_, as the next
+    HostTime answered;
+  };
+
   LibusbTrigger(const TriggerSettings& settings, EventSink& sink, Context context, Found found);
 
   static Result<Context> start_libusb();
   static Result<Found> find(libusb_context* context, const TriggerSettings& settings);
   Result<void> start();
+  void prepare_transfers();
+  Result<void> greet();
 
   // Vendor requests, session thread.
   Result<void> request_out(tb1::Request request, std::uint16_t value,
                            std::span<const std::uint8_t> data);
   Result<std::vector<std::uint8_t>> request_in(tb1::Request request, std::size_t size_bytes);
-  Error request_error(tb1::Request request, int code);
+  // The answer's size in bytes, in question_.buffer after the setup packet.
+  Result<std::size_t> ask(std::uint8_t request_type, tb1::Request request, std::uint16_t value,
+                          std::span<const std::uint8_t> data, std::size_t size_bytes);
+  Error submit_error(tb1::Request request, int code);
+  Error transfer_error(tb1::Request request, int status);
+  Error gone();
   Result<void> configure(const std::vector<std::chrono::microseconds>& pulse_widths);
   Result<void> synchronise_clock();
 
-  // Event thread, except during open and in the destructor.
+  // Event thread.
   void run_events();
   static void on_read(libusb_transfer* transfer);
   static void on_time(libusb_transfer* transfer);
+  static void on_answer(libusb_transfer* transfer);
   void take_records(std::span<const std::uint8_t> bytes);
   void take_record(const tb1::Record& record);
   void submit(Read& read);
@@ -120,6 +138,7 @@ class LibusbTrigger final : public Trigger {
   void cancel_transfers();
   bool has_transfer_in_flight() const;
   bool is_closing() const;
+  bool is_stopping() const;
   void post_fault(Fault fault, std::string detail);
   void lose_device();
 
@@ -131,8 +150,9 @@ class LibusbTrigger final : public Trigger {
   // Declared so that the handle closes before the transfers are freed: after closing no callback
   // comes, even for a transfer that never returned.
   Context context_;
-  std::vector<std::unique_ptr<Read>> reads_;  // event thread, as the five below
+  std::vector<std::unique_ptr<Read>> reads_;  // event thread, as all below but question_
   TimeQuery time_query_;
+  Question question_;
   int failed_read_count_ = 0;  // in a row
   std::string read_failure_;
   HostTime last_heartbeat_;
@@ -141,6 +161,7 @@ class LibusbTrigger final : public Trigger {
 
   mutable std::mutex mutex_;
   std::condition_variable run_ended_;
+  std::condition_variable answered_;
   ClockMap<BoxClock> clock_;              // guarded by mutex_, as all below
   std::optional<tb1::RecordReader> run_;  // while armed
   std::uint32_t run_id_ = 0;

@@ -217,11 +217,13 @@ TEST_F(TriggerFaults, DisarmThatIsNotAnsweredIsReported) {
 
 TEST_F(TriggerFaults, SilentBoxIsATimeoutOnceUntilItSpeaksAgain) {
   ASSERT_NO_FATAL_FAILURE(open_and_arm());
+  light(kLight_adc);
+  expect_a_pulse();
   wire->box().set_mute(true);
   expect_fault(Fault::kTimeout);
   wire->box().set_mute(false);
   expect_fault(Fault::kSequenceGap);  // what it said in between
-  light(kLight_adc);
+  light(kDark_adc);
   expect_a_pulse();
   wire->box().set_mute(true);
   expect_fault(Fault::kTimeout);
