@@ -102,7 +102,7 @@ std::string objection_to_name(const std::string& name) {
 }
 
 std::string explain_errno(int error_number) {
-  const std::string cause = std::generic_category().message(error_number);
+  std::string cause = std::generic_category().message(error_number);
   switch (error_number) {
     case ENOSPC:
     case EDQUOT:

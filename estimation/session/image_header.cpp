@@ -108,7 +108,6 @@ enum TiffTag : std::uint64_t {
   kStripOffsets = 273,
   kOrientation = 274,
   kSamplesPerPixel = 277,
-  kRowsPerStrip = 278,
   kStripByteCounts = 279,
   kPlanarConfiguration = 284,
   kTileOffsets = 324,
@@ -131,7 +130,7 @@ class TiffDirectory {
     const auto entry_count = number_at(bytes, *start, is_big ? 8 : 2, order);
     constexpr std::uint64_t kMostEntries = 4096;
     if (!entry_count || *entry_count > kMostEntries) return std::nullopt;
-    const auto entry_size = static_cast<std::uint64_t>(4 + 2 * word);
+    const std::uint64_t entry_size = is_big ? 20 : 12;
     for (std::uint64_t i = 0; i < *entry_count; ++i) {
       const std::uint64_t entry = *start + (is_big ? 8U : 2U) + i * entry_size;
       if (!directory.read_entry(bytes, entry, word, order)) return std::nullopt;

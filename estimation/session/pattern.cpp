@@ -58,7 +58,7 @@ const char* name(Axis axis) { return axis == Axis::kColumn ? "column" : "row"; }
 // One axis of the paper's correspondence patterns: Gray code with inverses, then fine stripes.
 void append_correspondence(std::vector<Pattern>& patterns, Axis axis) {
   constexpr int kGrayBits = 10;  // of a 1024 px projector
-  const auto append = [&](PatternKind kind) {
+  const auto append = [&](const PatternKind& kind) {
     patterns.push_back({.index = static_cast<int>(patterns.size()), .kind = kind});
   };
   for (int bit = kGrayBits - 1; bit >= 0; --bit) {

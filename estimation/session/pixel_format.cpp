@@ -58,9 +58,9 @@ std::string to_string(PixelFormat format) {
 int band_at(const CameraInfo& camera, int row, int col, int channel) {
   const ColorFilter filter = camera.pixel_format.filter;
   if (filter == ColorFilter::kRgb) return channel;
-  const int row_parity = (row + camera.roi_y_px) & 1;
-  const int col_parity = (col + camera.roi_x_px) & 1;
-  return tile(filter)[static_cast<std::size_t>(2 * row_parity + col_parity)];
+  const bool is_odd_row = ((row + camera.roi_y_px) & 1) != 0;
+  const bool is_odd_col = ((col + camera.roi_x_px) & 1) != 0;
+  return tile(filter)[(is_odd_row ? 2U : 0U) + (is_odd_col ? 1U : 0U)];
 }
 
 }  // namespace estimation

@@ -133,7 +133,9 @@ void collect_places(const json& value, const std::string& pointer,
   if (!pointer.empty()) places.push_back(pointer);
   if (!value.is_structured()) return;
   for (const auto& [key, child] : value.items()) {
-    collect_places(child, pointer + "/" + key, places);
+    std::string child_pointer = pointer;
+    child_pointer.append("/").append(key);
+    collect_places(child, child_pointer, places);
   }
 }
 

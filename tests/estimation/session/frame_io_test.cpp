@@ -102,10 +102,9 @@ TEST(FrameIo, OurTiffIsReadByOthersAndUncompressed) {
     SCOPED_TRACE(name);
     const PixelFormat format = parse_pixel_format(name).value();
     const Image<std::uint16_t> frame = random_frame(format, 6);
-    const auto bytes = encode_frame_tiff(frame.view(), format.bit_depth);
+    auto bytes = encode_frame_tiff(frame.view(), format.bit_depth);
     ASSERT_TRUE(bytes);
-    const cv::Mat raw(1, static_cast<int>(bytes->size()), CV_8UC1,
-                      const_cast<std::byte*>(bytes->data()));
+    const cv::Mat raw(1, static_cast<int>(bytes->size()), CV_8UC1, bytes->data());
     const cv::Mat decoded = cv::imdecode(raw, cv::IMREAD_UNCHANGED);
     const cv::Mat expected = bgr_of(frame, format.bit_depth);
     ASSERT_EQ(decoded.type(), expected.type());

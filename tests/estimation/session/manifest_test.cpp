@@ -44,7 +44,9 @@ void expect_contains(const json& after, const json& before, const std::string& p
   if (before.is_object()) {
     for (const auto& [key, value] : before.items()) {
       ASSERT_TRUE(after.contains(key)) << place << "/" << key;
-      expect_contains(after[key], value, place + "/" + key);
+      std::string child_place = place;
+      child_place.append("/").append(key);
+      expect_contains(after[key], value, child_place);
     }
   } else if (before.is_array()) {
     ASSERT_EQ(after.size(), before.size());

@@ -104,7 +104,7 @@ TEST(Pattern, RenderedPixelsAreTheBrightnessRoundedToNearest) {
     ASSERT_EQ(image.width_px(), 33);
     for (int row = 0; row < 20; ++row) {
       for (int col = 0; col < 33; ++col) {
-        EXPECT_EQ(image.at(row, col), static_cast<int>(255 * brightness(kind, row, col) + 0.5));
+        EXPECT_EQ(image.at(row, col), std::lround(255 * brightness(kind, row, col)));
       }
     }
   }
