@@ -162,6 +162,7 @@ GigeDeviceCounters GigeDevice::Impl::counters() const {
 }
 
 void GigeDevice::Impl::run_control(const std::stop_token& stop) {
+  run_like_hardware();
   {
     const std::lock_guard lock(mutex_);
     model_.registers().set(kStreamSourcePort, sender_.source_port());
@@ -201,6 +202,11 @@ void GigeDevice::Impl::receive(const Socket& socket) {
   if (bytes <= 0 || faults.is_mute) return;
   const auto request = parse_gvcp(std::span(datagram).first(static_cast<std::size_t>(bytes)));
   if (!request) return;
+  if (request->command == static_cast<std::uint16_t>(GvcpCommand::kPacketResend)) {
+    if (const auto resend = parse_resend(*request))
+      sender_.resend(*resend, request->has_64_bit_block_id);
+    return;
+  }
   const bool is_repeated = request->id == last_answer_.id && is_same_peer(peer, last_answer_.peer);
   if (!is_repeated)
     last_answer_ = {.peer = peer, .id = request->id, .bytes = answer(*request, peer)};
@@ -211,11 +217,6 @@ void GigeDevice::Impl::receive(const Socket& socket) {
 
 std::vector<std::uint8_t> GigeDevice::Impl::answer(const GvcpRequest& request,
                                                    const sockaddr_in& peer) {
-  if (request.command == static_cast<std::uint16_t>(GvcpCommand::kPacketResend)) {
-    if (const auto resend = parse_resend(request))
-      sender_.resend(*resend, request.has_64_bit_block_id);
-    return {};
-  }
   const std::lock_guard lock(mutex_);
   if (is_controller(peer)) last_heard_ = rig::HostClock::now();
   const bool is_locked_out = controller_ && !is_controller(peer) &&
@@ -306,8 +307,8 @@ GvcpStatus GigeDevice::Impl::write(std::uint32_t address, std::uint32_t value,
   if (!is_controller(peer)) return GvcpStatus::kAccessDenied;
   if (address >= kStreamPort && address <= kStreamSourcePort)
     return write_stream_register(address, value);
-  if (address == kAcquisitionStart) sender_.restart();
   if (address == kAcquisitionStart || address == kAcquisitionStop) {
+    sender_.end_acquisition();
     shots_.clear();
     shots_changed_.notify_one();
   }
@@ -383,18 +384,16 @@ void GigeDevice::Impl::expose(const Shot& shot) {
                           .trigger_number = shot.job.trigger_number};
   world_.expose(exposure, sensor_dn_.view());
   std::shared_ptr<GvspBlock> block = sender_.take_block();
-  {
-    const std::lock_guard lock(mutex_);
-    if (!model_.is_acquiring() || model_.acquisition_number() != shot.acquisition_number) return;
-    if (take_one(faults.timestamp_jumps)) model_.jump_clock(std::chrono::seconds(1));
-    model_.fill_block(shot, sensor_dn_.view(), options_.has_64_bit_block_ids, *block);
-  }
+  // Locked to the end: a frame of one acquisition must not enter the next.
+  const std::lock_guard lock(mutex_);
+  if (!model_.is_acquiring() || model_.acquisition_number() != shot.acquisition_number) return;
+  if (take_one(faults.timestamp_jumps)) model_.jump_clock(std::chrono::seconds(1));
+  model_.fill_block(shot, sensor_dn_.view(), options_.has_64_bit_block_ids, *block);
   if (take_one(faults.wrong_size_frames)) block->height_px /= 2;
   if (take_one(faults.wrong_format_frames)) block->pixel_format = find_pixel_format("Mono8")->code;
-  const rig::HostTime ready = rig::HostClock::now();
-  sender_.send(std::move(block), take_one(faults.late_frames)
-                                     ? ready + std::chrono::milliseconds(faults.late_frame_ms)
-                                     : ready);
+  const bool is_late = take_one(faults.late_frames);
+  const std::chrono::milliseconds delay(is_late ? faults.late_frame_ms.load() : 0);
+  sender_.send(std::move(block), rig::HostClock::now() + delay);
 }
 
 GigeDevice::GigeDevice(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

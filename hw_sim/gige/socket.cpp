@@ -1,6 +1,7 @@
 #include "hw_sim/gige/socket.h"
 
 #include <arpa/inet.h>
+#include <pthread.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -49,6 +50,11 @@ std::uint16_t Socket::port() const {
   socklen_t length = sizeof name;
   getsockname(fd_, reinterpret_cast<sockaddr*>(&name), &length);
   return ntohs(name.sin_port);
+}
+
+void run_like_hardware() {
+  const sched_param parameters{.sched_priority = 5};  // below the client's receiver, which has 10
+  pthread_setschedparam(pthread_self(), SCHED_RR, &parameters);
 }
 
 }  // namespace hw_sim

@@ -32,4 +32,8 @@ class Socket {
   int fd_ = -1;
 };
 
+// A camera's network port does not wait for the host's other programs: the calling thread goes
+// before every ordinary one where that is permitted (root, CAP_SYS_NICE), else stays as it is.
+void run_like_hardware();
+
 }  // namespace hw_sim

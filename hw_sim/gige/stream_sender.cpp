@@ -52,18 +52,22 @@ void StreamSender::send(std::shared_ptr<GvspBlock> block, rig::HostTime earliest
 void StreamSender::resend(const ResendRequest& request, bool has_64_bit_id) {
   if (faults_.is_resend_ignored) return;
   std::shared_ptr<GvspBlock> block;
+  std::uint64_t acquisition = 0;
   {
     const std::lock_guard lock(mutex_);
     block = find_kept(request.block_id);
+    acquisition = acquisition_;
   }
   if (!block) {
-    send_packet(make_unavailable_packet(request.block_id, has_64_bit_id, request.first_packet));
+    send_packet(make_unavailable_packet(request.block_id, has_64_bit_id, request.first_packet),
+                acquisition);
     return;
   }
   const std::uint32_t last = std::min(request.last_packet, block->packet_count() - 1);
   for (std::uint32_t packet = request.first_packet; packet <= last; ++packet) {
     ++resent_packet_count_;
-    if (!is_lost()) send_packet(make_gvsp_packet(*block, packet, GvspStatus::kPacketResend));
+    if (!is_lost())
+      send_packet(make_gvsp_packet(*block, packet, GvspStatus::kPacketResend), acquisition);
   }
 }
 
@@ -71,12 +75,18 @@ void StreamSender::fire_test_packet(std::size_t packet_size_bytes) {
   GvspPacket packet;
   const std::vector<std::uint8_t> zeros(packet_size_bytes - kUdpHeaderBytes);
   packet.data = zeros;
-  send_packet(packet);
-}
-
-void StreamSender::restart() {
+  std::uint64_t acquisition = 0;
   {
     const std::lock_guard lock(mutex_);
+    acquisition = acquisition_;
+  }
+  send_packet(packet, acquisition);
+}
+
+void StreamSender::end_acquisition() {
+  {
+    const std::lock_guard lock(mutex_);
+    ++acquisition_;
     queue_.clear();
     kept_.clear();
   }
@@ -91,33 +101,35 @@ StreamCounters StreamSender::counters() const {
 }
 
 void StreamSender::run(const std::stop_token& stop) {
-  while (const std::shared_ptr<GvspBlock> block = next_block(stop)) {
+  run_like_hardware();
+  while (const std::optional<Outgoing> next = next_block(stop)) {
     if (take_one(faults_.lost_frames)) continue;
     const bool is_truncated = take_one(faults_.truncated_frames);
-    if (!is_truncated) keep(block);
-    const std::uint32_t packet_count = block->packet_count();
-    send_packets(*block, is_truncated ? packet_count / 2 : packet_count, stop);
+    if (!is_truncated) keep(*next);
+    const std::uint32_t packet_count = next->block->packet_count();
+    send_packets(*next, is_truncated ? packet_count / 2 : packet_count, stop);
     ++sent_frame_count_;
   }
 }
 
-// The next block once it may leave; nullptr on stop.
-std::shared_ptr<GvspBlock> StreamSender::next_block(const std::stop_token& stop) {
+// The next block once it may leave; nullopt on stop.
+std::optional<StreamSender::Outgoing> StreamSender::next_block(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
   while (queued_.wait(lock, stop, [this] { return !queue_.empty(); })) {
     const rig::HostTime earliest = queue_.front().earliest;
-    // Woken early when restart() emptied the queue.
+    // Woken early when end_acquisition() emptied the queue.
     if (queued_.wait_until(lock, stop, earliest, [this] { return queue_.empty(); })) continue;
-    if (stop.stop_requested()) return nullptr;
-    std::shared_ptr<GvspBlock> block = std::move(queue_.front().block);
+    if (stop.stop_requested()) return std::nullopt;
+    Outgoing next{std::move(queue_.front().block), acquisition_};
     queue_.pop_front();
-    return block;
+    return next;
   }
-  return nullptr;
+  return std::nullopt;
 }
 
-void StreamSender::send_packets(const GvspBlock& block, std::uint32_t sent_count,
+void StreamSender::send_packets(const Outgoing& outgoing, std::uint32_t sent_count,
                                 const std::stop_token& stop) {
+  const GvspBlock& block = *outgoing.block;
   link_free_ = std::max(link_free_, rig::HostClock::now());
   for (std::uint32_t packet = 0; packet < sent_count && !stop.stop_requested(); ++packet) {
     const bool is_leader_lost = packet == 0 && take_one(faults_.lost_leaders);
@@ -127,28 +139,25 @@ void StreamSender::send_packets(const GvspBlock& block, std::uint32_t sent_count
       ++lost_packet_count_;
     } else {
       const GvspPacket made = make_gvsp_packet(block, packet, GvspStatus::kSuccess);
-      send_packet(made);
-      if (faults_.are_packets_duplicated) send_packet(made);
+      send_packet(made, outgoing.acquisition);
+      if (faults_.are_packets_duplicated) send_packet(made, outgoing.acquisition);
     }
     pace(block.packet_size_bytes);
   }
 }
 
-void StreamSender::send_packet(const GvspPacket& packet) {
+// Locked while it sends, so that no packet of an acquisition leaves after its end.
+void StreamSender::send_packet(const GvspPacket& packet, std::uint64_t acquisition) {
   if (faults_.is_mute) return;
-  sockaddr_in destination;
-  {
-    const std::lock_guard lock(mutex_);
-    destination = destination_;
-  }
-  if (destination.sin_port == 0) return;
+  const std::lock_guard lock(mutex_);
+  if (acquisition != acquisition_ || destination_.sin_port == 0) return;
   std::array<iovec, 2> pieces{};
   pieces[0] = {const_cast<std::uint8_t*>(packet.header.data()),  // NOLINT: sendmsg only reads
                packet.header_bytes};
   pieces[1] = {const_cast<std::uint8_t*>(packet.data.data()), packet.data.size()};  // NOLINT
   msghdr message{};
-  message.msg_name = &destination;
-  message.msg_namelen = sizeof destination;
+  message.msg_name = &destination_;
+  message.msg_namelen = sizeof destination_;
   message.msg_iov = pieces.data();
   message.msg_iovlen = pieces.size();
   if (sendmsg(socket_.fd(), &message, 0) >= 0) ++sent_packet_count_;
@@ -159,7 +168,9 @@ void StreamSender::pace(std::size_t packet_size_bytes) {
   const double wire_bits = (static_cast<double>(packet_size_bytes) + kEthernetOverheadBytes) * 8;
   link_free_ +=
       std::chrono::nanoseconds(static_cast<std::int64_t>(wire_bits / link_rate_bit_per_s_ * 1e9));
-  if (link_free_ - rig::HostClock::now() > kPacingGrain) std::this_thread::sleep_until(link_free_);
+  const rig::HostTime now = rig::HostClock::now();
+  link_free_ = std::max(link_free_, now - kCatchUpMax);
+  if (link_free_ - now > kPacingGrain) std::this_thread::sleep_until(link_free_);
 }
 
 bool StreamSender::is_lost() {
@@ -175,10 +186,13 @@ std::shared_ptr<GvspBlock> StreamSender::find_kept(std::uint64_t block_id) const
   return nullptr;
 }
 
-void StreamSender::keep(std::shared_ptr<GvspBlock> block) {
+void StreamSender::keep(const Outgoing& outgoing) {
   const std::lock_guard lock(mutex_);
-  kept_.push_back(std::move(block));
-  if (kept_.size() <= kKeptBlocks) return;
+  if (outgoing.acquisition != acquisition_) return;
+  kept_.push_back(outgoing.block);
+  const std::size_t limit =
+      kKeptBytesMax / std::max<std::size_t>(outgoing.block->payload.size(), 1);
+  if (kept_.size() <= std::clamp(limit, kKeptBlocksMin, kKeptBlocksMax)) return;
   // A resend may still be reading the oldest; then it is let go instead of used again.
   if (kept_.front().use_count() == 1) spare_.push_back(std::move(kept_.front()));
   kept_.pop_front();

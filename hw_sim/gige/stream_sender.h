@@ -45,8 +45,8 @@ class StreamSender {
   void send(std::shared_ptr<GvspBlock> block, rig::HostTime earliest);
   void resend(const ResendRequest& request, bool has_64_bit_id);
   void fire_test_packet(std::size_t packet_size_bytes);
-  // A new acquisition: nothing of the last one is sent or kept.
-  void restart();
+  // Nothing of what was given so far is sent or kept any longer, on no account.
+  void end_acquisition();
   StreamCounters counters() const;
   std::uint16_t source_port() const { return socket_.port(); }
 
@@ -55,17 +55,24 @@ class StreamSender {
     std::shared_ptr<GvspBlock> block;  // shared: a resend may read it while the ring lets it go
     rig::HostTime earliest;
   };
-  // Blocks that resend requests can still ask for; 8 frames of 8 MB at most.
-  static constexpr std::size_t kKeptBlocks = 8;
+  struct Outgoing {
+    std::shared_ptr<GvspBlock> block;
+    std::uint64_t acquisition = 0;
+  };
+  // Blocks that resend requests can still ask for: as many as a camera's memory holds.
+  static constexpr std::size_t kKeptBytesMax = std::size_t{128} << 20;
+  static constexpr std::size_t kKeptBlocksMin = 4;
+  static constexpr std::size_t kKeptBlocksMax = 64;
 
   void run(const std::stop_token& stop);
-  std::shared_ptr<GvspBlock> next_block(const std::stop_token& stop);
-  void send_packets(const GvspBlock& block, std::uint32_t sent_count, const std::stop_token& stop);
-  void send_packet(const GvspPacket& packet);
+  std::optional<Outgoing> next_block(const std::stop_token& stop);
+  void send_packets(const Outgoing& outgoing, std::uint32_t sent_count,
+                    const std::stop_token& stop);
+  void send_packet(const GvspPacket& packet, std::uint64_t acquisition);
   void pace(std::size_t packet_size_bytes);
   bool is_lost();
   std::shared_ptr<GvspBlock> find_kept(std::uint64_t block_id) const;  // mutex_ is held
-  void keep(std::shared_ptr<GvspBlock> block);
+  void keep(const Outgoing& outgoing);
 
   const Socket socket_;
   const double link_rate_bit_per_s_;
@@ -74,6 +81,7 @@ class StreamSender {
 
   mutable std::mutex mutex_;
   std::condition_variable_any queued_;
+  std::uint64_t acquisition_ = 0;                  // guarded by mutex_; ended ones so far
   sockaddr_in destination_{};                      // guarded by mutex_
   std::deque<Queued> queue_;                       // guarded by mutex_
   std::deque<std::shared_ptr<GvspBlock>> kept_;    // guarded by mutex_

@@ -32,7 +32,7 @@ constexpr int kSpareBuffers = 8;
 constexpr std::chrono::milliseconds kPopTimeout{20};  // how soon the reader notices a stop
 // How long Aravis waits for resent packets before it gives a block up; it delivers in order, so
 // later blocks wait as long.
-constexpr guint kFrameRetentionUs = 200'000;
+constexpr guint kFrameRetentionUs = 300'000;
 constexpr gint kSocketBufferBytes = 16 << 20;
 constexpr int kReceiverPriority = 10;           // SCHED_RR, above every ordinary thread
 constexpr double kExposureRoundingFrac = 0.01;  // cameras round to their line time

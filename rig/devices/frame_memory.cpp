@@ -25,6 +25,13 @@ std::size_t available_bytes() {
 
 std::string mebibytes(std::size_t bytes) { return std::to_string(bytes >> 20) + " MiB"; }
 
+// Every page gets its memory before the first trigger. Page by page and not by MAP_POPULATE, which
+// for gigabytes keeps the address space locked for seconds: the camera's heartbeat would stop.
+void touch(void* start, std::size_t byte_count, std::size_t page_bytes) {
+  auto* bytes = static_cast<volatile std::byte*>(start);
+  for (std::size_t i = 0; i < byte_count; i += page_bytes) bytes[i] = std::byte{0};
+}
+
 }  // namespace
 
 Result<std::shared_ptr<FrameMemory>> FrameMemory::allocate(std::size_t block_count,
@@ -39,10 +46,10 @@ Result<std::shared_ptr<FrameMemory>> FrameMemory::allocate(std::size_t block_cou
                                            mebibytes(available_bytes()) +
                                            " of memory are free; use a smaller region or fewer "
                                            "frames");
-  void* start = mmap(nullptr, total, PROT_READ | PROT_WRITE,
-                     MAP_PRIVATE | MAP_ANONYMOUS | MAP_POPULATE, -1, 0);
+  void* start = mmap(nullptr, total, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (start == MAP_FAILED)
     return failure(Fault::kOutOfRange, "cannot map " + mebibytes(total) + " of frame buffers");
+  touch(start, total, page_bytes);
   return std::shared_ptr<FrameMemory>(
       new FrameMemory(static_cast<std::byte*>(start), block_count, block_bytes, stride));
 }
