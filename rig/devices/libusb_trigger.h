@@ -44,7 +44,7 @@ class LibusbTrigger final : public Trigger {
   // kDeviceLost.
   static Result<std::unique_ptr<LibusbTrigger>> open(const TriggerSettings& settings,
                                                      EventSink& sink);
-  // Disarms and stops within about two seconds, whatever the box does.
+  // Disarms and stops within some seconds, whatever the box does.
   ~LibusbTrigger() override;
 
   const TriggerIdentity& identity() const override { return identity_; }
