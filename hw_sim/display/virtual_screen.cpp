@@ -25,6 +25,8 @@ namespace {
 constexpr const char* kServer = "/usr/lib/xorg/Xorg";  // /usr/bin/Xorg insists on a console
 constexpr int kOperatorWidth_px = 1920;
 constexpr int kOperatorHeight_px = 1080;
+constexpr const char* kProjectorMode = "projector";
+constexpr const char* kHalfRateMode = "half-rate";
 constexpr int kStartLimit_ms = 30'000;  // half a second when idle
 
 // Made up in the manner of reduced blanking; only the rate has to come out right.
@@ -57,8 +59,10 @@ std::string configuration(const VirtualScreenSettings& settings) {
           "EndSection\n"
           "Section \"Monitor\"\n  Identifier \"projector\"\n"
        << ranges
-       << modeline("projector", settings.projector_width_px, settings.projector_height_px,
+       << modeline(kProjectorMode, settings.projector_width_px, settings.projector_height_px,
                    settings.refresh_hz)
+       << modeline(kHalfRateMode, settings.projector_width_px, settings.projector_height_px,
+                   settings.refresh_hz / 2)
        << "  Option \"Enable\" \"true\"\n"
           "  Option \"RightOf\" \"DUMMY0\"\n"
           "  Option \"PreferredMode\" \"projector\"\n"
@@ -202,7 +206,7 @@ rig::Result<void> VirtualScreen::plug_projector_in() {
   XOutput output = find_output(display.get(), resources.get(), kProjectorOutput);
   if (output.crtc != None) return {};
   const RRCrtc crtc = find_free_crtc(display.get(), resources.get(), output.id);
-  const RRMode mode = find_mode(*resources, "projector");
+  const RRMode mode = find_mode(*resources, kProjectorMode);
   if (crtc == None || mode == None ||
       XRRSetCrtcConfig(display.get(), resources.get(), crtc, CurrentTime, kOperatorWidth_px, 0,
                        mode, RR_Rotate_0, &output.id, 1) != RRSetConfigSuccess)
@@ -226,6 +230,27 @@ rig::Result<void> VirtualScreen::set_projector_gamma(double exponent) {
   XRRSetCrtcGamma(display.get(), output.crtc, ramp.get());
   XSync(display.get(), False);
   return {};
+}
+
+rig::Result<void> VirtualScreen::set_projector_mode(const std::string& mode_name) {
+  const XConnection display = connect(display_);
+  if (!display) return refused("be talked to");
+  const XrrResources resources = screen_resources(display.get());
+  XOutput output = find_output(display.get(), resources.get(), kProjectorOutput);
+  const RRMode mode = find_mode(*resources, mode_name);
+  if (output.crtc == None || mode == None ||
+      XRRSetCrtcConfig(display.get(), resources.get(), output.crtc, CurrentTime, kOperatorWidth_px,
+                       0, mode, RR_Rotate_0, &output.id, 1) != RRSetConfigSuccess)
+    return refused("set the projector's mode " + mode_name);
+  return {};
+}
+
+rig::Result<void> VirtualScreen::halve_projector_rate() {
+  return set_projector_mode(kHalfRateMode);
+}
+
+rig::Result<void> VirtualScreen::restore_projector_rate() {
+  return set_projector_mode(kProjectorMode);
 }
 
 void VirtualScreen::crash() {

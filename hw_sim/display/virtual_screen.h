@@ -36,12 +36,15 @@ class VirtualScreen {
   rig::Result<void> unplug_projector();
   rig::Result<void> plug_projector_in();
   rig::Result<void> set_projector_gamma(double exponent);  // 1 is identity
+  rig::Result<void> halve_projector_rate();                // another mode of the same size
+  rig::Result<void> restore_projector_rate();
 
   // Ends the server at once, as a crash does.
   void crash();
 
  private:
   VirtualScreen() = default;
+  rig::Result<void> set_projector_mode(const std::string& mode_name);
 
   VirtualScreenSettings settings_;
   std::filesystem::path folder_;  // configuration and log; removed at the end

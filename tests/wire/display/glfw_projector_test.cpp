@@ -173,6 +173,17 @@ TEST(GlfwProjector, ChangedGammaIsAFaultAndIsMadeIdentityAgain) {
   });
 }
 
+TEST(GlfwProjector, ChangedModeIsAFaultUntilItIsRestored) {
+  run_projector(projector_settings(), [](rig::Projector& projector, rig::EventSource& events) {
+    ASSERT_TRUE(screen().halve_projector_rate());
+    EXPECT_THAT(wait_for_fault(events),
+                HasSubstr("mode of monitor DUMMY1 changed to 320 x 240 px at 30 Hz"));
+    EXPECT_FALSE(projector.show({.show_id = 1}));
+    ASSERT_TRUE(screen().restore_projector_rate());
+    EXPECT_TRUE(wait_until_ready(projector, events));
+  });
+}
+
 TEST(GlfwProjector, GammaIsIdentityWhileOpenAndRestoredAfterwards) {
   ASSERT_TRUE(screen().set_projector_gamma(2.2));
   const int before = display_test::read_gamma(screen().display(), "DUMMY1", 128);

@@ -59,7 +59,10 @@ Answers collect(rig::EventSource& events, const rig::SequenceSettings& sequence)
           answers.frames.size() < bracket_count)) {
     std::optional<rig::Event> event = events.wait(deadline, {});
     if (!event) {
-      answers.trouble = "the deadline passed";
+      answers.trouble = "the deadline passed with " + std::to_string(answers.shown.size()) +
+                        " shown, " + std::to_string(answers.edges.size()) + " edges, " +
+                        std::to_string(answers.pulses.size()) + " pulses, " +
+                        std::to_string(answers.frames.size()) + " frames";
       break;
     }
     sort_in(std::move(*event), answers);
