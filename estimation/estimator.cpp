@@ -220,7 +220,11 @@ class Estimator::Implementation {
   // The outline: signals, correspondence, surface, then each band's parameters.
   Result<Maps> estimate();
   Correspondence correspond(std::span<const MergedNoise> noise);
-  SceneGeometry scene_geometry(const Surface& surface, Axis axis, Image<float>& gain) const;
+  struct SceneImages {
+    Image<float> gain;
+    Image<std::uint32_t> validity;
+  };
+  SceneGeometry scene_geometry(const Surface& surface, Axis axis, SceneImages& images) const;
   void fit_bands(const Surface& surface, std::span<const MergedNoise> noise, Maps& maps);
   void store_band(int band, const Image<float>& pitch_mm, BandFit fit, Maps& maps) const;
   std::vector<MergedNoise> noise_of(const std::optional<StripeSet>& stripes) const;
@@ -300,6 +304,9 @@ Correspondence Estimator::Implementation::correspond(std::span<const MergedNoise
   options.noise.assign(noise.begin(), noise.end());
   Correspondence found = decode_correspondence(signals, manifest_.projector, options);
   notes_.insert(notes_.end(), found.notes.begin(), found.notes.end());
+  // Their work is done; at full size they are half of all signals.
+  for (PatternRate& pattern : signals_.patterns)
+    if (std::holds_alternative<GrayCode>(pattern.pattern->kind)) pattern.rate = {};
   return found;
 }
 
@@ -309,7 +316,7 @@ std::vector<MergedNoise> Estimator::Implementation::noise_of(
       signals_.patterns[stripes ? stripes->sources.front().front() : std::size_t{0}];
   const double longest_us = typical.exposures_us.back();
   const double headroom_dn = saturation_dn() - black_.mean_dn(longest_us);
-  if (camera().gain_e_per_dn && camera().read_noise_e)
+  if (camera().gain_e_per_dn.value_or(0) > 0 && camera().read_noise_e)
     return merged_noise(typical.exposures_us, {*camera().gain_e_per_dn, *camera().read_noise_e},
                         headroom_dn);
   if (stripes)
@@ -342,26 +349,34 @@ const PatternRate* Estimator::Implementation::fully_lit() const {
 }
 
 SceneGeometry Estimator::Implementation::scene_geometry(const Surface& surface, Axis axis,
-                                                        Image<float>& gain) const {
-  gain = Image<float>(camera().height_px, camera().width_px, 1, kNan);
+                                                        SceneImages& images) const {
+  images.gain = Image<float>(camera().height_px, camera().width_px, 1, kNan);
+  images.validity = surface.validity;
   const Illumination light{
       .vignetting = vignetting_.view(),
       .reference_distance_mm = manifest_.calibration.irradiance->reference_distance_mm};
+  const bool is_column = axis == Axis::kColumn;
+  const Image<float>& position_px = is_column ? correspondence_.column_px : correspondence_.row_px;
+  const Image<float>& pitch_mm = is_column ? surface.column_pitch_mm : surface.row_pitch_mm;
   const auto sample = [](const Image<float>& image, int row, int col) {
     return static_cast<double>(image.empty() ? kNan : image.at(row, col));
   };
   tbb::parallel_for(0, camera().height_px, [&](int row) {
-    for (int col = 0; col < camera().width_px; ++col)
-      gain.at(row, col) = static_cast<float>(light.at(
+    for (int col = 0; col < camera().width_px; ++col) {
+      const double gain = light.at(
           sample(correspondence_.column_px, row, col), sample(correspondence_.row_px, row, col),
-          sample(surface.cos_projector, row, col),
-          sample(surface.projector_distance_mm, row, col)));
+          sample(surface.cos_projector, row, col), sample(surface.projector_distance_mm, row, col));
+      images.gain.at(row, col) = static_cast<float>(gain);
+      std::uint32_t& validity = images.validity.at(row, col);
+      const bool is_placed = gain > 0 && std::isfinite(sample(position_px, row, col)) &&
+                             std::isfinite(sample(pitch_mm, row, col));
+      if (!is_placed && (validity & kValidityErrors) == 0) validity |= kNoCorrespondence;
+    }
   });
-  const bool is_column = axis == Axis::kColumn;
-  return {.position_px = (is_column ? correspondence_.column_px : correspondence_.row_px).view(),
-          .gain = gain.view(),
+  return {.position_px = position_px.view(),
+          .gain = images.gain.view(),
           .projector_distance_mm = surface.projector_distance_mm.view(),
-          .validity = surface.validity.view()};
+          .validity = images.validity.view()};
 }
 
 void Estimator::Implementation::fit_bands(const Surface& surface,
@@ -389,9 +404,10 @@ void Estimator::Implementation::fit_bands(const Surface& surface,
     }
     notes_.push_back("diffuse_reflectance is from the white pattern and contains indirect light");
   }
-  Image<float> gain;
-  const SceneGeometry geometry =
-      scene_geometry(surface, stripes ? stripes->axis : Axis::kColumn, gain);
+  SceneImages images;
+  const bool is_column = !correspondence_.column_px.empty();
+  const Axis axis = stripes ? stripes->axis : (is_column ? Axis::kColumn : Axis::kRow);
+  const SceneGeometry geometry = scene_geometry(surface, axis, images);
   if (!stripes) {
     for (int band = 0; band < bands(); ++band)
       store_band(

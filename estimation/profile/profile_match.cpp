@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <numbers>
 
 #include "estimation/base/check.h"
@@ -87,14 +88,16 @@ void ProfileMatcher::load(std::span<const double> samples, double position_px,
   // Harmonic n at shift i is cos(n phase_0 - 2 pi n i / S): sampled, it appears in bin n mod S with
   // e^(+i n phase_0) or, folded, in bin S - n mod S with e^(-i n phase_0); in bins 0 and S/2 as
   // both.
+  const std::complex<double> turn = std::polar(1.0, phase_at(shifts_px_[0]));
+  std::complex<double> phasor = 1;
   for (std::size_t n = 1; n <= contrast.size(); ++n) {
-    const double angle = static_cast<double>(n) * phase_at(shifts_px_[0]);
+    phasor *= turn;
     const double m = static_cast<double>(contrast[n - 1]);
     const std::size_t bin = bin_of_[n - 1];
     const bool is_both = bin == 0 || 2 * bin == count;
     const bool is_folded = n % count != bin;
-    basis_re_[n - 1] = (is_both ? 2 : 1) * m * std::cos(angle);
-    basis_im_[n - 1] = is_both ? 0 : (is_folded ? -m : m) * std::sin(angle);
+    basis_re_[n - 1] = (is_both ? 2 : 1) * m * phasor.real();
+    basis_im_[n - 1] = is_both ? 0 : (is_folded ? -m : m) * phasor.imag();
   }
 }
 

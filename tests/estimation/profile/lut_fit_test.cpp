@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
 #include <random>
 
 #include "tests/estimation/profile/synthetic_profile.h"
@@ -75,6 +76,48 @@ TEST(LutFit, IndirectLightBiasesThePapersMethodAsComputedElsewhere) {
   EXPECT_NEAR(recover(paper_stripes(), kCheekRed, 500.3, 0.02).l_d_frac, 0.07, 0.01);
   EXPECT_NEAR(recover(paper_stripes(), kCheekRed, 500.3, 0.10).l_d_frac, 0.42, 0.02);
   EXPECT_NEAR(recover(paper_stripes(), kStubbleBlue, 500.3, 0.10).l_d_frac, 1.60, 0.15);
+}
+
+// Photons and read noise of the rig in design/estimation.md: 20 ke- full well, 10 e- read noise,
+// exposures 1:4, white at 0.85 of full well in the short one. Its table gives -0.1% bias and 0.5%
+// standard deviation of l_d for cheek red at B = 0.
+TEST(LutFit, NoiseOfTheRigBiasesLittle) {
+  const StripeSet stripes = paper_stripes();
+  const ProfileTable& table = wide_table(stripes.shape);
+  ProfileMatcher matcher(stripes, table.greatest_harmonic_count());
+  const std::vector<float> contrast(static_cast<std::size_t>(table.greatest_harmonic_count()), 1);
+  const double u_px = 77.3;
+  const std::vector<double> clean =
+      reflectance_factors(stripes, kCheekRed.medium, kEta, kPitchMm, u_px, 0);
+  constexpr double kElectrons = 17000, kFullWell = 20000, kReadNoise = 10;
+  std::mt19937_64 random(6);
+  const auto noisy = [&](double mean) {
+    double normal = -6;
+    for (int i = 0; i < 12; ++i) normal += static_cast<double>(random() >> 11) * 0x1p-53;
+    return mean + normal * std::sqrt(mean + kReadNoise * kReadNoise);
+  };
+  double sum = 0, squares = 0;
+  constexpr int kDraws = 1000;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    std::vector<double> samples;
+    for (const double r : clean) {
+      const double short_e = noisy(r * kElectrons), long_e = noisy(4 * r * kElectrons);
+      samples.push_back(long_e < kFullWell ? (short_e + long_e) / (5 * kElectrons)
+                                           : short_e / kElectrons);
+    }
+    matcher.load(samples, u_px, contrast);
+    const LutFit fit = fit_with_table(matcher, table, 0);
+    ASSERT_EQ(fit.validity, 0U);
+    const double error =
+        fit.translucency_px * kPitchMm / diffuse_mean_free_path_mm(kCheekRed.medium) - 1;
+    sum += error;
+    squares += error * error;
+  }
+  const double bias = sum / kDraws, sd = std::sqrt(squares / kDraws - bias * bias);
+  std::printf("l_d of cheek red with noise: bias %+.2f%%, standard deviation %.2f%%\n", 100 * bias,
+              100 * sd);
+  EXPECT_NEAR(bias, 0, 0.01);
+  EXPECT_LT(sd, 0.01);
 }
 
 TEST(LutFit, IndirectLightIsFoundInPartAndOnTheScaleOfReflectance) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "estimation/models/dipole.h"
@@ -49,15 +50,23 @@ inline std::vector<double> reflectance_factors(const StripeSet& stripes, const C
   for (int n = 0; n < term_count; ++n)
     k[static_cast<std::size_t>(n)] = 2 * std::numbers::pi * n / period * l_d_px;
   Dipole(eta).transform(reflectance, k, transform);
+  std::vector<double> amplitude(k.size(), 0);
+  for (int n = 1; n < term_count; ++n) {
+    const double x = std::numbers::pi * n * duty;
+    const double m = blur_harmonic > 0 ? std::exp(-std::pow(n / blur_harmonic, 2)) : 1;
+    amplitude[static_cast<std::size_t>(n)] =
+        2 * duty * std::sin(x) / x * m * transform[static_cast<std::size_t>(n)];
+  }
   std::vector<double> r;
   for (const int shift : stripes.shifts_px) {
+    const double angle =
+        2 * std::numbers::pi * (u_px - shift - 0.5 * (stripes.shape.width_px - 1)) / period;
     double sum = duty * (transform[0] + indirect);
-    for (int n = 1; n < term_count; ++n) {
-      const double x = std::numbers::pi * n * duty;
-      const double m = blur_harmonic > 0 ? std::exp(-std::pow(n / blur_harmonic, 2)) : 1;
-      sum += 2 * duty * std::sin(x) / x * m * transform[static_cast<std::size_t>(n)] *
-             std::cos(2 * std::numbers::pi * n *
-                      (u_px - shift - 0.5 * (stripes.shape.width_px - 1)) / period);
+    double previous = 1, cosine = std::cos(angle);  // of (n - 1) and n times the angle
+    const double twice = 2 * cosine;
+    for (std::size_t n = 1; n < amplitude.size(); ++n) {
+      sum += amplitude[n] * cosine;
+      previous = std::exchange(cosine, twice * cosine - previous);
     }
     r.push_back(sum);
   }

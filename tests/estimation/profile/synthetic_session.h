@@ -6,9 +6,12 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <map>
 #include <numbers>
+#include <numeric>
 #include <opencv2/core.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "estimation/models/dipole.h"
@@ -29,6 +32,7 @@ struct SceneOptions {
   double blur_harmonic = 0;   // of the optics, see reflectance_factors
   double gain_dn_per_us = 2;  // signal_per_us of band 0; the others 5% less each
   int background_cols = 0;    // leftmost columns that see nothing
+  int projector_px = 256;     // both sides, a power of two
 };
 
 struct Scene {
@@ -86,12 +90,16 @@ inline Manifest scene_manifest(const SceneOptions& options) {
   camera.saturation_level_dn = (1 << options.format.bit_depth) - 1;
   camera.gain_e_per_dn = 100;  // a nearly noise-free camera
   camera.read_noise_e = 10;
-  manifest.projector = {.width_px = 256, .height_px = 256, .sync_square = std::nullopt};
+  manifest.projector = {.width_px = options.projector_px,
+                        .height_px = options.projector_px,
+                        .sync_square = std::nullopt};
   Calibration& calibration = manifest.calibration;
   const double camera_f = 2000, projector_f = 3400;
+  const double projector_middle = 0.5 * (options.projector_px - 1);
   calibration.camera.K = Mat3(camera_f, 0, 0.5 * (options.width_px - 1), 0, camera_f,
                               0.5 * (options.height_px - 1), 0, 0, 1);
-  calibration.projector.K = Mat3(projector_f, 0, 127.5, 0, projector_f, 127.5, 0, 0, 1);
+  calibration.projector.K =
+      Mat3(projector_f, 0, projector_middle, 0, projector_f, projector_middle, 0, 0, 1);
   const double angle = std::atan2(250, 1000);
   calibration.projector_from_camera =
       Mat3(std::cos(angle), 0, std::sin(angle), 0, 1, 0, -std::sin(angle), 0, std::cos(angle));
@@ -105,6 +113,8 @@ inline Manifest scene_manifest(const SceneOptions& options) {
     if (options.projector_black_frac > 0)
       calibration.projector_black_dn_per_us.push_back(options.projector_black_frac * signal);
 
+  int highest_bit = 0;
+  while (2 << highest_bit < options.projector_px) ++highest_bit;
   const auto add = [&](PatternKind kind) {
     manifest.patterns.push_back({static_cast<int>(manifest.patterns.size()), std::move(kind)});
   };
@@ -112,7 +122,7 @@ inline Manifest scene_manifest(const SceneOptions& options) {
     add(Stripes{options.stripe_axis, 40, 8, shift});
   for (const Axis axis : {Axis::kColumn, Axis::kRow}) {
     if (!options.has_correspondence) continue;
-    for (int bit = 7; bit >= 0; --bit)
+    for (int bit = highest_bit; bit >= 0; --bit)
       for (const bool is_inverted : {false, true}) add(GrayCode{axis, bit, is_inverted});
     for (int shift = 0; shift < 16; shift += 4) add(Stripes{axis, 16, 8, shift});
   }
@@ -129,34 +139,54 @@ inline Manifest scene_manifest(const SceneOptions& options) {
   return manifest;
 }
 
-// Reflectance factor of a pixel under a pattern.
-inline double response(const PatternKind& kind, const Coefficients& medium, const PlanePoint& point,
-                       const SceneOptions& options) {
-  const double reflectance = dipole_reflectance(medium, 1.4);
-  if (std::holds_alternative<White>(kind)) return reflectance + options.indirect;
-  if (std::holds_alternative<Black>(kind)) return 0;
-  if (const auto* stripes = std::get_if<Stripes>(&kind)) {
-    const bool is_column = stripes->axis == Axis::kColumn;
-    return reflectance_factors(
-        stripe_set(stripes->period_px, stripes->width_px, {stripes->shift_px}), medium, 1.4,
-        is_column ? point.column_pitch_mm : point.row_pitch_mm, is_column ? point.u_px : point.v_px,
-        options.indirect, options.blur_harmonic, 160)[0];
-  }
-  // Gray code is not periodic: its edges are softened by an exponential of the diffuse length,
-  // which keeps their middle where it is.
-  const auto& code = std::get<GrayCode>(kind);
-  const bool is_column = code.axis == Axis::kColumn;
-  const double position_px = is_column ? point.u_px : point.v_px;
-  const double length_px =
-      diffuse_mean_free_path_mm(medium) / (is_column ? point.column_pitch_mm : point.row_pitch_mm);
+// Gray code is not periodic: its edges are softened by an exponential of the diffuse length, which
+// keeps their middle where it is.
+inline double gray_response(const GrayCode& code, double position_px, double length_px,
+                            int projector_px) {
   double sum = 0, weight = 0;
   const int middle = static_cast<int>(std::lround(position_px));
-  for (int i = middle - 60; i <= middle + 60; ++i) {
+  for (int i = middle - 40; i <= middle + 40; ++i) {
     const double w = std::exp(-std::abs(i - position_px) / length_px);
     weight += w;
-    if (i >= 0 && i < 256) sum += w * (is_column ? brightness(kind, 0, i) : brightness(kind, i, 0));
+    if (i >= 0 && i < projector_px)
+      sum += w * (code.axis == Axis::kColumn ? brightness(code, 0, i) : brightness(code, i, 0));
   }
-  return reflectance * sum / weight + 0.5 * options.indirect;
+  return sum / weight;
+}
+
+// Reflectance factors of a pixel under all patterns.
+inline std::vector<double> responses(const Manifest& manifest, const Coefficients& medium,
+                                     const PlanePoint& point, const SceneOptions& options) {
+  constexpr int kTerms = 160;
+  const double reflectance = dipole_reflectance(medium, 1.4);
+  const double l_d_mm = diffuse_mean_free_path_mm(medium);
+  std::map<std::pair<Axis, int>, std::vector<double>> sweeps;  // [axis, period] every shift
+  std::vector<double> result;
+  for (const Pattern& pattern : manifest.patterns) {
+    if (const auto* stripes = std::get_if<Stripes>(&pattern.kind)) {
+      const bool is_column = stripes->axis == Axis::kColumn;
+      std::vector<double>& sweep = sweeps[{stripes->axis, stripes->period_px}];
+      if (sweep.empty()) {
+        std::vector<int> shifts(static_cast<std::size_t>(stripes->period_px));
+        std::iota(shifts.begin(), shifts.end(), 0);
+        sweep = reflectance_factors(
+            stripe_set(stripes->period_px, stripes->width_px, shifts), medium, 1.4,
+            is_column ? point.column_pitch_mm : point.row_pitch_mm,
+            is_column ? point.u_px : point.v_px, options.indirect, options.blur_harmonic, kTerms);
+      }
+      result.push_back(sweep[static_cast<std::size_t>(stripes->shift_px)]);
+    } else if (const auto* code = std::get_if<GrayCode>(&pattern.kind)) {
+      const bool is_column = code->axis == Axis::kColumn;
+      const double lit = gray_response(
+          *code, is_column ? point.u_px : point.v_px,
+          l_d_mm / (is_column ? point.column_pitch_mm : point.row_pitch_mm), options.projector_px);
+      result.push_back(reflectance * lit + 0.5 * options.indirect);
+    } else {
+      const bool is_white = std::holds_alternative<White>(pattern.kind);
+      result.push_back(is_white ? reflectance + options.indirect : 0);
+    }
+  }
+  return result;
 }
 
 inline Scene make_scene(const SceneOptions& options) {
@@ -188,11 +218,8 @@ inline Scene make_scene(const SceneOptions& options) {
         const double black =
             full * options.projector_black_frac * (scene.reflectance[band] + options.indirect);
         std::size_t frame = 0;
-        for (const Pattern& pattern : manifest.patterns) {
-          const double rate =
-              col < options.background_cols
-                  ? 0
-                  : full * response(pattern.kind, scene.medium[band], point, options) + black;
+        for (const double factor : responses(manifest, scene.medium[band], point, options)) {
+          const double rate = col < options.background_cols ? 0 : full * factor + black;
           for (const double exposure_us : options.exposures_us) {
             const double dn =
                 *camera.black_level_dn + (rate + options.ambient_dn_per_us) * exposure_us;
