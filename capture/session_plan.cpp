@@ -135,7 +135,7 @@ std::string folder_name(const SessionInfo& info) {
     subject += is_plain ? c : '_';
   }
   constexpr std::size_t kSubjectLimit = 64;  // a file name has at most 255 bytes
-  if (!subject.empty()) name += "-" + subject.substr(0, kSubjectLimit);
+  if (!subject.empty()) name.append("-").append(subject, 0, kSubjectLimit);
   return name;
 }
 
