@@ -194,6 +194,7 @@ rig::Result<std::unique_ptr<HeadWorld>> HeadWorld::create(
     }
     if (options.has_indirect) {
       tell(0.9, "interreflection");
+      p.light->coarse();  // read for every picture: cast it now, not under the first one
       p.indirect = Interreflection(*p.surface, *p.skin, *p.light, p.seen);
     }
     tell(1, "ready");

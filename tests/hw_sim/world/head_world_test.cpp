@@ -43,7 +43,7 @@ std::vector<std::uint16_t> bytes_of(const Image<std::uint16_t>& frame) {
 }
 
 TEST(HeadWorld, SameSeedSameBytesForAnyNumberOfThreads) {
-  const TestRig rig = make_test_rig(98, 72, 4);
+  const TestRig rig = make_test_rig(49, 36, 8);
   const auto stripes =
       shared_picture(rig, estimation::Stripes{estimation::Axis::kColumn, 40, 8, 7}, 1);
   const auto one = make_world(rig, scene("face_female", true, 1));
@@ -101,24 +101,21 @@ TEST(HeadWorld, EachPixelSeesItsOwnBandInEveryBayerOrder) {
   using estimation::ColorFilter;
   for (const ColorFilter filter : {ColorFilter::kBayerRG, ColorFilter::kBayerGR,
                                    ColorFilter::kBayerGB, ColorFilter::kBayerBG}) {
-    for (const int roi_x_px : {0, 3}) {
-      TestRig rig = make_test_rig(49, 36, 8);
-      remove_noise(rig);
-      rig.camera.pixel_format.filter = filter;
-      rig.camera.roi_x_px = roi_x_px;
-      rig.calibration.irradiance->signal_per_us = {0.3, 0.02, 0.001};  // tells bands apart
-      const auto world = make_world(rig, scene("flat_phantom"));
-      const Image<float> linear = world->linear_image(make_picture(rig, estimation::White{}));
-      // R_d of the cheek by band is 0.2 to 0.5.
-      for (int row = 16; row < 20; ++row)
-        for (int col = 20; col < 24; ++col) {
-          const auto band = static_cast<std::size_t>(estimation::band_at(rig.camera, row, col));
-          const double r = static_cast<double>(linear.at(row, col)) /
-                           rig.calibration.irradiance->signal_per_us[band];
-          EXPECT_GT(r, 0.15);
-          EXPECT_LT(r, 0.55);
-        }
-    }
+    TestRig rig = make_test_rig(49, 36, 8);
+    rig.camera.roi_x_px = filter == ColorFilter::kBayerRG ? 3 : 0;
+    rig.camera.pixel_format.filter = filter;
+    rig.calibration.irradiance->signal_per_us = {0.3, 0.02, 0.001};  // tells bands apart
+    const auto world = make_world(rig, scene("flat_phantom"));
+    const Image<float> linear = world->linear_image(make_picture(rig, estimation::White{}));
+    // R_d of the cheek by band is 0.2 to 0.5.
+    for (int row = 16; row < 20; ++row)
+      for (int col = 20; col < 24; ++col) {
+        const auto band = static_cast<std::size_t>(estimation::band_at(rig.camera, row, col));
+        const double r = static_cast<double>(linear.at(row, col)) /
+                         rig.calibration.irradiance->signal_per_us[band];
+        EXPECT_GT(r, 0.15);
+        EXPECT_LT(r, 0.55);
+      }
   }
 }
 
