@@ -331,7 +331,7 @@ PointFit fit_polynomial(const std::vector<FitPoint>& points, double scale) {
 
 PointFit fit_connected(const DepthMap& depth, const Neighbours& neighbours, int row, int col,
                        int radius_px) {
-  const int stride = std::max(1, radius_px / kSparseRadius);
+  const int stride = (radius_px + kSparseRadius - 1) / kSparseRadius;
   const auto points = connected_points(depth, neighbours, row, col, stride, radius_px);
   PointFit fit;
   if (points.size() >= kMinQuadricPoints) fit = fit_polynomial<6>(points, radius_px);

@@ -209,6 +209,21 @@ TEST(Surface, PitchAnglesAndDistanceMatchFiniteDifferences) {
   }
 }
 
+// Each radius has its own sampling beside borders; the sphere's outline is one all around.
+TEST(Surface, EveryRadiusFitsBesideBordersToo) {
+  const SyntheticRig rig = make_rig(294, 216, false);
+  const Truth truth = look_at(rig, sphere({10, 0, 1080}, 90), 1e-4, false);
+  for (const double radius_mm : {0.5, 1.5, 3.0, 4.0, 5.0, 6.0, 7.0, 9.0, 12.0}) {
+    SCOPED_TRACE(radius_mm);
+    SurfaceOptions options;
+    options.smoothing_radius_mm = radius_mm;
+    const Errors errors = errors_of(reconstruct(rig, truth, options), truth, false);
+    EXPECT_GT(errors.position_mm.size(), 10000U);
+    EXPECT_LT(quantile(errors.position_mm, 0.5), 0.02);
+    EXPECT_LT(quantile(errors.normal_rad, 0.95), 6 * kDegree);
+  }
+}
+
 TEST(Surface, AStepStaysSharpAndIsWarnedOf) {
   const SyntheticRig rig = make_rig(294, 216, false);
   SyntheticSurface step = plane({0, 0, 1000}, {0, 0, -1});
