@@ -105,6 +105,12 @@ class ProgressTeller {
   CaptureProgress progress_;
 };
 
+// Looking at the clock is an event like any other, but only news when it changed something.
+bool is_worth_noting(const Transition& transition) {
+  return !std::holds_alternative<TimePassed>(transition.event) || !transition.reacted.empty() ||
+         transition.from != name_of(transition.state.phase);
+}
+
 std::string summary(const RunResult& run) {
   if (run.outcome == Outcome::kAborted) return "aborted; the frames so far are kept";
   if (run.outcome == Outcome::kFailed) return run.failure->text;
@@ -160,7 +166,8 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
   const RunResult run =
       run_capture(devices, plan_, rig_file_.projector, make_rules(rig_file_, refresh_hz), fork,
                   stop, [&](const Transition& transition) {
-                    (*writer)->journal(journal_line(transition, start));
+                    if (is_worth_noting(transition))
+                      (*writer)->journal(journal_line(transition, start));
                     teller.tell(transition.state);
                   });
   result.state = state_of(run.outcome);

@@ -16,6 +16,7 @@ int main(int argc, char** argv) {
   const capture::Select select = [&command](capture::Command chosen) {
     command = std::move(chosen);
   };
+  capture::add_serve_command(program, select);
   capture::add_capture_command(program, select);
   capture::add_estimate_command(program, select);
   capture::add_verify_command(program, select);

@@ -68,7 +68,8 @@ rig::DisplayReport SimProjector::report() const {
 rig::Result<void> SimProjector::load(std::vector<Image<unsigned char>> pictures) {
   if (is_lost_) return tl::unexpected(lost());
   for (const auto& picture : pictures) {
-    if (picture.width_px() == settings_.width_px && picture.height_px() == settings_.height_px)
+    if (picture.width_px() == settings_.width_px && picture.height_px() == settings_.height_px &&
+        picture.channel_count() == 1)
       continue;
     return rig::failure(rig::Fault::kOutOfRange,
                         "a picture of " + std::to_string(picture.width_px()) + " x " +

@@ -15,6 +15,8 @@ constexpr std::chrono::nanoseconds kClockUncertainty{1000};  // the box's clock 
 constexpr microseconds kFlashDelay{5000};                    // beyond the debounce time
 constexpr microseconds kFlashDuration{1000};
 
+int level_of(bool is_light) { return is_light ? kLightAdc : kDarkAdc; }
+
 rig::Error lost() {
   return {rig::Fault::kDeviceLost, "the trigger box is gone; plug it in and start again"};
 }
@@ -28,7 +30,7 @@ SimTrigger::SimTrigger(rig::TriggerSettings settings, const SimFaults& faults, T
       timeline_(timeline),
       on_pulse_(std::move(on_pulse)),
       box_(timeline.now()) {
-  light(false);
+  photodiode(kDarkAdc);
 }
 
 rig::Result<void> SimTrigger::arm(const std::vector<microseconds>& pulse_widths,
@@ -75,12 +77,12 @@ void SimTrigger::square(bool is_light) {
   const bool is_change = is_light != is_square_light_;
   is_square_light_ = is_light;
   if (is_change && faults_.missed_edges.contains(++change_count_)) return;
-  light(is_light);
+  photodiode(level_of(is_light));
 }
 
-void SimTrigger::light(bool is_light) {
+void SimTrigger::photodiode(int level_adc) {
   if (is_lost_) return;
-  box_.light(timeline_.now(), is_light ? kLightAdc : kDarkAdc);
+  box_.light(timeline_.now(), level_adc);
   catch_up();
 }
 
@@ -113,8 +115,8 @@ void SimTrigger::hear(const tb1::Record& record) {
 // Another light in the room: the photodiode sees the opposite of the square for a moment.
 void SimTrigger::flash() {
   const rig::HostTime start = timeline_.now() + kFlashDelay;
-  timeline_.schedule(start, [this] { light(!is_square_light_); });
-  timeline_.schedule(start + kFlashDuration, [this] { light(is_square_light_); });
+  timeline_.schedule(start, [this] { photodiode(level_of(!is_square_light_)); });
+  timeline_.schedule(start + kFlashDuration, [this] { photodiode(level_of(is_square_light_)); });
 }
 
 void SimTrigger::lose() {

@@ -32,12 +32,13 @@ class SimTrigger final : public rig::Trigger {
 
   // The square of the picture whose light begins now.
   void square(bool is_light);
+  // The photodiode's level now, in ADC counts 0..1023.
+  void photodiode(int level_adc);
 
  private:
   std::optional<std::vector<std::uint8_t>> request(rig::tb1::Request request,
                                                    std::uint16_t value = 0,
                                                    const std::vector<std::uint8_t>& data = {});
-  void light(bool is_light);
   void catch_up();  // takes what the box has done, and comes back when something is next due
   void hear(const rig::tb1::Record& record);
   void flash();
