@@ -55,7 +55,7 @@ LutFit fit_with_table(ProfileMatcher& matcher, const ProfileTable& table,
 
   // Indirect light: the minimum of the input curve less the minimum of the matched curve.
   const double stripes_mean = matcher.mean() - black;
-  const double indirect_per_phase = (matcher.minimum() - black) - stripes_mean * curve.minimum;
+  const double indirect_per_phase = (curve.trough_of_samples - black) - stripes_mean * curve.trough;
   const double direct_mean = stripes_mean - indirect_per_phase;
   if (!(direct_mean > 0)) return failed(kNotIdentifiable);
 

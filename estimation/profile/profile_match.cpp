@@ -4,6 +4,7 @@
 #include <cmath>
 #include <complex>
 #include <numbers>
+#include <numeric>
 
 #include "estimation/base/check.h"
 
@@ -12,8 +13,9 @@ namespace {
 
 using std::numbers::pi;
 
-constexpr int kScanStep = 12;  // columns; the cost's valley is several times wider
-constexpr int kFirstStep = 2;  // of the bracket around a known start
+constexpr int kScanStep = 12;            // columns; the cost's valley is several times wider
+constexpr int kFirstStep = 2;            // of the bracket around a known start
+constexpr std::size_t kTroughShare = 8;  // the darkest eighth of a profile is its minimum
 
 bool are_evenly_spaced(const StripeSet& stripes) {
   const int count = static_cast<int>(stripes.shifts_px.size());
@@ -63,7 +65,6 @@ void ProfileMatcher::load(std::span<const double> samples, double position_px,
   mean_ = 0;
   for (const double sample : samples) mean_ += sample;
   mean_ /= static_cast<double>(count);
-  minimum_ = *std::min_element(samples.begin(), samples.end());
   const double centre_px = 0.5 * (shape_.width_px - 1);
   const auto phase_at = [&](int shift) {
     return 2 * pi * (position_px - shift - centre_px) / shape_.period_px;
@@ -278,7 +279,17 @@ ProfileMatcher::Curve ProfileMatcher::curve(const ProfileTable& table, double ro
     sum += values[i];
   }
   const double mean = sum / static_cast<double>(values.size());
-  return {.minimum = *std::min_element(values.begin(), values.end()) / mean, .mean = mean};
+  std::vector<std::size_t> darkest_first(values.size());
+  std::iota(darkest_first.begin(), darkest_first.end(), 0);
+  std::stable_sort(darkest_first.begin(), darkest_first.end(),
+                   [&](std::size_t a, std::size_t b) { return values[a] < values[b]; });
+  const std::size_t count = std::max<std::size_t>(1, values.size() / kTroughShare);
+  Curve curve{.trough = 0, .trough_of_samples = 0, .mean = mean};
+  for (std::size_t i = 0; i < count; ++i) {
+    curve.trough += values[darkest_first[i]] / mean / static_cast<double>(count);
+    curve.trough_of_samples += samples_[darkest_first[i]] / static_cast<double>(count);
+  }
+  return curve;
 }
 
 }  // namespace estimation

@@ -44,12 +44,14 @@ class ProfileMatcher {
   ProfileMatch search(const ProfileTable& table, double row, double offset, double from_col = -1);
 
   std::size_t sample_count() const { return shifts_px_.size(); }
-  double mean() const { return mean_; }        // of the samples
-  double minimum() const { return minimum_; }  // of the samples
+  double mean() const { return mean_; }  // of the samples
 
   // The matched profile of area one at the sampled shifts.
   struct Curve {
-    double minimum = 0;  // least sample, relative to the samples' mean
+    // The minima of the matched and of the input curve, both as the mean over the darkest eighth of
+    // the matched curve's shifts: the least of 40 noisy samples would lie too low.
+    double trough = 0;             // relative to the matched samples' mean
+    double trough_of_samples = 0;  // on the scale of the samples
     double mean = 0;  // of the samples, relative to the mean over all phases (1 for a full sweep)
   };
   Curve curve(const ProfileTable& table, double row, double col);
@@ -71,7 +73,7 @@ class ProfileMatcher {
   std::vector<double> bin_weight_;   // [bin] of its squared magnitude in the sum over samples
 
   std::vector<double> samples_;
-  double mean_ = 0, minimum_ = 0;
+  double mean_ = 0;
   std::vector<double> data_re_, data_im_;    // [bin]
   std::vector<double> basis_re_, basis_im_;  // [n - 1] (uneven: [shift][n - 1]) m_n times its phase
   std::vector<double> harmonics_;            // the profile last mixed

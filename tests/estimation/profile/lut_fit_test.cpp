@@ -116,8 +116,8 @@ TEST(LutFit, NoiseOfTheRigBiasesLittle) {
   const double bias = sum / kDraws, sd = std::sqrt(squares / kDraws - bias * bias);
   std::printf("l_d of cheek red with noise: bias %+.2f%%, standard deviation %.2f%%\n", 100 * bias,
               100 * sd);
-  EXPECT_NEAR(bias, 0, 0.01);
-  EXPECT_LT(sd, 0.01);
+  EXPECT_NEAR(bias, 0, 0.003);
+  EXPECT_LT(sd, 0.009);
 }
 
 TEST(LutFit, IndirectLightIsFoundInPartAndOnTheScaleOfReflectance) {
