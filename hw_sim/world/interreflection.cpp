@@ -23,7 +23,7 @@ struct Cell {
   std::array<int, 3> index{};
   std::int64_t key() const {
     // 20 bits each hold +-3 km of cells.
-    const auto part = [](int i) { return static_cast<std::int64_t>(i + (1 << 19)); };
+    const auto part = [](int i) { return static_cast<std::int64_t>(i) + (1 << 19); };
     return (part(index[0]) << 40) | (part(index[1]) << 20) | part(index[2]);
   }
 };

@@ -208,7 +208,7 @@ struct Transport::Worker {
     window.scale = largest / 65535;
     std::vector<std::uint16_t> steps;
     for (const float value : pixels)
-      steps.push_back(static_cast<std::uint16_t>(std::max(value, 0.0F) / window.scale + 0.5F));
+      steps.push_back(static_cast<std::uint16_t>(std::lrint(std::max(value, 0.0F) / window.scale)));
     const auto is_lit = [](std::uint16_t value) { return value > 0; };
     const auto first = std::find_if(steps.begin(), steps.end(), is_lit);
     const auto last = std::find_if(steps.rbegin(), steps.rend(), is_lit).base();
