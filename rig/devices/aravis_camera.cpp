@@ -33,7 +33,7 @@ constexpr std::chrono::milliseconds kPopTimeout{20};  // how soon the reader not
 // How long Aravis waits for resent packets before it gives a block up; it delivers in order, so
 // later blocks wait as long.
 constexpr guint kFrameRetentionUs = 300'000;
-constexpr gint kSocketBufferBytes = 16 << 20;
+constexpr gint kSocketBufferBytes = 16 << 20;   // the kernel grants net.core.rmem_max at most
 constexpr int kReceiverPriority = 10;           // SCHED_RR, above every ordinary thread
 constexpr double kExposureRoundingFrac = 0.01;  // cameras round to their line time
 constexpr double kExposureRoundingMinUs = 5;
@@ -755,6 +755,9 @@ Result<std::shared_ptr<FrameMemory>> AravisCamera::Impl::take_memory(int frame_c
 }
 
 Result<GObjectPtr<ArvStream>> AravisCamera::Impl::open_stream() {
+  // The UDP socket is bound before the camera learns its port. Aravis' packet socket (root only) is
+  // opened later by the receiver's thread, and a first frame that came sooner was lost for good.
+  arv_camera_gv_set_stream_options(camera_.get(), ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
   GError* error = nullptr;
   GObjectPtr<ArvStream> stream(
       arv_camera_create_stream(camera_.get(), raise_receiver_priority, nullptr, &error));
