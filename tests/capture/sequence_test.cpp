@@ -1,0 +1,318 @@
+// The state machine fed with events by hand: no device, no clock, no sleep.
+#include "capture/sequence.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <optional>
+#include <vector>
+
+namespace capture {
+namespace {
+
+using std::chrono::microseconds;
+using std::chrono::milliseconds;
+
+// A rig played by the test: two patterns of two exposures.
+class SequenceTest : public testing::Test {
+ protected:
+  static SequenceRules rules() {
+    SequenceRules rules;
+    rules.ledger.exposures = {milliseconds(10), milliseconds(40)};
+    rules.ledger.gap = milliseconds(5);
+    rules.retake_limit = 1;
+    return rules;
+  }
+
+  void tell(const SequenceEvent& event) {
+    Step step = sequence_.next(std::move(state_), event, now_);
+    state_ = std::move(step.state);
+    actions_ = std::move(step.actions);
+    reacted_ = std::move(step.reacted);
+    for (const Action& action : actions_) {
+      if (const auto* show = std::get_if<Show>(&action)) shown_ = show->request;
+      if (const auto* arm = std::get_if<Arm>(&action)) armed_ = *arm;
+      if (const auto* keep = std::get_if<KeepFrame>(&action)) kept_.push_back(keep->slot);
+    }
+    if (std::holds_alternative<Arming>(state_.phase)) pulse_number_ = edge_number_ = 0;
+  }
+  void wait(milliseconds duration) { now_ += duration; }
+  void time_out() {
+    now_ = *Sequence::deadline(state_);
+    tell(TimePassed{});
+  }
+  std::string_view phase() const { return name_of(state_.phase); }
+  bool did(std::size_t alternative) const {
+    for (const Action& action : actions_)
+      if (action.index() == alternative) return true;
+    return false;
+  }
+  bool did_disarm() const { return did(Action(Disarm{}).index()); }
+
+  void start() { tell(Start{}); }
+  void arm() {
+    start();
+    arm_again();
+  }
+  void arm_and_expose() {
+    arm();
+    swap();
+    edge();
+  }
+  void arm_again() {  // from Darkening
+    tell(rig::PictureShown{shown_.show_id, now_});
+    time_out();
+    tell(Armed{});
+  }
+  void swap() {
+    wait(milliseconds(16));
+    tell(rig::PictureShown{shown_.show_id, now_});
+  }
+  void edge() {
+    wait(milliseconds(16));
+    tell(rig::EdgeSeen{++edge_number_, shown_.is_square_light, now_});
+  }
+  void pulses() {
+    for (int bracket = 0; bracket < 2; ++bracket) {
+      const rig::HostTime start = now_;
+      wait(bracket == 0 ? milliseconds(10) : milliseconds(40));
+      tell(rig::PulseEnded{edge_number_, bracket, ++pulse_number_, start, now_});
+      starts_.push_back(start);
+      wait(milliseconds(5));
+    }
+  }
+  FrameFacts facts(std::uint32_t pulse_number, rig::HostTime pulse_start, int bracket) {
+    FrameFacts facts;
+    facts.ticket = next_ticket_++;
+    facts.block_id = pulse_number;
+    facts.trigger_count = pulse_number;
+    facts.exposure = bracket == 0 ? milliseconds(10) : milliseconds(40);
+    facts.timestamp =
+        rig::CameraClock::time_point(pulse_start.time_since_epoch() + milliseconds(123'456));
+    facts.received = now_;
+    return facts;
+  }
+  // The two frames of the pulses that were sent last.
+  void frames() {
+    for (int bracket = 0; bracket < 2; ++bracket) {
+      const auto pulse =
+          static_cast<std::uint32_t>(pulse_number_ - 1) + static_cast<std::uint32_t>(bracket);
+      tell(FrameSeen{
+          facts(pulse, starts_[starts_.size() - 2 + static_cast<std::size_t>(bracket)], bracket)});
+    }
+  }
+  void expose() {
+    swap();
+    edge();
+    pulses();
+  }
+  void prime() {
+    expose();
+    frames();
+  }
+
+  Sequence sequence_{rules(), {0, 1}};
+  SequenceState state_ = sequence_.initial();
+  rig::HostTime now_{std::chrono::hours(1)};
+  std::vector<Action> actions_;
+  std::vector<Reacted> reacted_;
+  rig::ShowRequest shown_;
+  Arm armed_;
+  std::vector<SlotId> kept_;
+  std::vector<rig::HostTime> starts_;
+  std::uint32_t edge_number_ = 0;
+  std::uint32_t pulse_number_ = 0;
+  std::uint64_t next_ticket_ = 1;
+};
+
+TEST_F(SequenceTest, GoesThroughItsStatesAndFillsEverySlot) {
+  EXPECT_EQ(phase(), "idle");
+  tell(Start{});
+  EXPECT_EQ(phase(), "darkening");
+  EXPECT_EQ(shown_.picture, rig::kBlackPicture);
+  EXPECT_FALSE(shown_.is_square_light);
+  tell(rig::PictureShown{shown_.show_id, now_});
+  EXPECT_EQ(phase(), "settling");
+  time_out();
+  EXPECT_EQ(phase(), "arming");
+  EXPECT_EQ(armed_.frame_count, 2 * (2 + 1 + 1));  // patterns, priming, one retake
+  tell(Armed{});
+  EXPECT_EQ(phase(), "showing");
+  EXPECT_EQ(shown_.picture, rig::kBlackPicture) << "primes first";
+  EXPECT_TRUE(shown_.is_square_light);
+  swap();
+  edge();
+  EXPECT_EQ(phase(), "exposing");
+  pulses();
+  EXPECT_EQ(phase(), "collecting") << "the priming must prove itself before a pattern is shown";
+  frames();
+  EXPECT_EQ(phase(), "showing");
+  EXPECT_EQ(shown_.picture, 0);
+  EXPECT_FALSE(shown_.is_square_light) << "the square flips with every picture";
+  expose();
+  EXPECT_EQ(shown_.picture, 1) << "the next one while the frames of this one travel";
+  frames();
+  EXPECT_THAT(kept_, testing::ElementsAre(SlotId{0, 0}, SlotId{0, 1}));
+  expose();
+  EXPECT_EQ(phase(), "collecting");
+  frames();
+  EXPECT_EQ(phase(), "blackening");
+  EXPECT_TRUE(did_disarm());
+  tell(rig::PictureShown{shown_.show_id, now_});
+  EXPECT_EQ(phase(), "ended");
+  EXPECT_EQ(state_.outcome, Outcome::kComplete);
+  EXPECT_FALSE(Sequence::deadline(state_));
+}
+
+TEST_F(SequenceTest, EveryWaitingStateHasADeadline) {
+  tell(Start{});
+  EXPECT_TRUE(Sequence::deadline(state_)) << phase();
+  tell(rig::PictureShown{shown_.show_id, now_});
+  EXPECT_TRUE(Sequence::deadline(state_)) << phase();
+  time_out();
+  EXPECT_TRUE(Sequence::deadline(state_)) << phase();
+  tell(Armed{});
+  EXPECT_TRUE(Sequence::deadline(state_)) << phase();
+  swap();
+  edge();
+  EXPECT_TRUE(Sequence::deadline(state_)) << phase();
+  pulses();
+  EXPECT_EQ(phase(), "collecting");
+  EXPECT_TRUE(Sequence::deadline(state_)) << phase();
+  tell(AbortRequested{});
+  EXPECT_TRUE(Sequence::deadline(state_)) << phase();
+}
+
+TEST_F(SequenceTest, BlackThatIsNeverShownIsTriedAgainAndThenFails) {
+  tell(Start{});
+  time_out();
+  EXPECT_EQ(phase(), "darkening");
+  EXPECT_EQ(state_.restart_count, 1);
+  time_out();
+  EXPECT_EQ(phase(), "blackening");
+  EXPECT_EQ(state_.failure->incident, Incident::kPictureNotShown);
+}
+
+TEST_F(SequenceTest, ArmingThatNeverEndsIsALostDevice) {
+  tell(Start{});
+  tell(rig::PictureShown{shown_.show_id, now_});
+  time_out();
+  time_out();
+  EXPECT_EQ(phase(), "blackening");
+  EXPECT_EQ(state_.failure->incident, Incident::kDeviceLost);
+}
+
+TEST_F(SequenceTest, PictureWithoutSwapOrEdgeIsArmedAnew) {
+  arm();
+  prime();
+  time_out();
+  EXPECT_EQ(phase(), "darkening");
+  EXPECT_TRUE(did_disarm());
+  ASSERT_EQ(reacted_.size(), 1U);
+  EXPECT_EQ(reacted_[0].finding.incident, Incident::kPictureNotShown);
+  EXPECT_EQ(reacted_[0].finding.pattern, 0);
+}
+
+TEST_F(SequenceTest, EdgeThatDoesNotComeIsArmedAnewAndThenFailsWithSlotsNamed) {
+  arm();
+  prime();
+  swap();
+  time_out();
+  ASSERT_EQ(reacted_.size(), 1U);
+  EXPECT_EQ(reacted_[0].finding.incident, Incident::kEdgeMissing);
+  EXPECT_EQ(phase(), "darkening");
+  arm_again();
+  prime();
+  swap();
+  time_out();
+  ASSERT_TRUE(state_.failure);
+  EXPECT_EQ(state_.failure->incident, Incident::kEdgeMissing);
+  EXPECT_THAT(state_.failure->slots, testing::ElementsAre(SlotId{0, 0}, SlotId{0, 1}));
+  EXPECT_THAT(state_.failure->text, testing::HasSubstr("thresholds"));
+}
+
+TEST_F(SequenceTest, PulsesThatDoNotEndAreArmedAnew) {
+  arm();
+  prime();
+  swap();
+  edge();
+  time_out();
+  ASSERT_EQ(reacted_.size(), 1U);
+  EXPECT_EQ(reacted_[0].finding.incident, Incident::kPulseMissing);
+  EXPECT_EQ(phase(), "darkening");
+}
+
+TEST_F(SequenceTest, FrameThatDoesNotComeIsRetaken) {
+  arm();
+  prime();
+  expose();  // pattern 0, no frames
+  expose();  // pattern 1
+  frames();
+  EXPECT_THAT(kept_, testing::ElementsAre(SlotId{1, 0}, SlotId{1, 1}));
+  time_out();
+  ASSERT_FALSE(reacted_.empty());
+  EXPECT_EQ(reacted_[0].finding.incident, Incident::kFrameMissing);
+  EXPECT_EQ(reacted_[0].reaction, Reaction::kRetake);
+  while (phase() == "collecting") time_out();
+  EXPECT_EQ(phase(), "showing");
+  EXPECT_EQ(shown_.picture, 0);
+  expose();
+  frames();
+  EXPECT_EQ(phase(), "blackening");
+  EXPECT_EQ(state_.outcome, Outcome::kComplete);
+  EXPECT_EQ(kept_.size(), 4U);
+}
+
+TEST_F(SequenceTest, NextPatternWaitsWhileFramesOfTheOneBeforeLastAreOut) {
+  arm();
+  prime();
+  expose();
+  EXPECT_EQ(shown_.picture, 1);
+  expose();
+  EXPECT_EQ(phase(), "collecting");
+}
+
+TEST_F(SequenceTest, BlackThatIsNeverConfirmedEndsAllTheSame) {
+  arm();
+  tell(AbortRequested{});
+  EXPECT_EQ(phase(), "blackening");
+  EXPECT_EQ(shown_.picture, rig::kBlackPicture);
+  EXPECT_TRUE(did_disarm());
+  time_out();
+  EXPECT_EQ(phase(), "ended");
+  EXPECT_EQ(state_.outcome, Outcome::kAborted);
+}
+
+TEST_F(SequenceTest, EventsOfARunThatIsOverChangeNothing) {
+  arm();
+  prime();
+  swap();
+  time_out();
+  ASSERT_EQ(phase(), "darkening");
+  tell(rig::EdgeSeen{99, true, now_});
+  tell(rig::PulseEnded{99, 0, 99, now_, now_});
+  tell(rig::FrameDamaged{99, {}});
+  tell(rig::DeviceFault{rig::Device::kTrigger, {rig::Fault::kSequenceGap, "old"}});
+  EXPECT_EQ(phase(), "darkening");
+  tell(FrameSeen{facts(99, now_, 0)});
+  EXPECT_TRUE(did(Action(DropFrame{}).index())) << "its buffer goes back";
+}
+
+TEST_F(SequenceTest, LostDeviceFailsInAnyState) {
+  const rig::DeviceFault lost{rig::Device::kTrigger, {rig::Fault::kDeviceLost, "unplugged"}};
+  const std::vector<std::function<void()>> ways = {[this] { start(); }, [this] { arm(); },
+                                                   [this] { arm_and_expose(); }};
+  for (const auto& way : ways) {
+    state_ = sequence_.initial();
+    way();
+    SCOPED_TRACE(std::string(phase()));
+    tell(lost);
+    EXPECT_EQ(phase(), "blackening");
+    EXPECT_EQ(state_.failure->device, rig::Device::kTrigger);
+    EXPECT_THAT(state_.failure->text, testing::HasSubstr("unplugged"));
+  }
+}
+
+}  // namespace
+}  // namespace capture
