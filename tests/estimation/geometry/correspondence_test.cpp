@@ -192,6 +192,7 @@ TEST(Correspondence, MissingHighBitsAreReportedAndNotGuessed) {
   const Errors columns =
       has_any ? errors_of(found.column_px, found.column_sd_px, scene.column_px) : Errors{};
   EXPECT_EQ(columns.outlier_count, 0);
+  EXPECT_THAT(found.notes, ::testing::ElementsAre(HasSubstr("lacks bits 9, 8")));
 }
 
 TEST(Correspondence, WithoutTheTopBitOnlyMirroredColumnsAreLostAndSaid) {
