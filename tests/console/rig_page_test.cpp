@@ -1,0 +1,136 @@
+// The operator's day at the rig, from the page, over all the wires: run inside `ssrig-sim run`, it
+// starts `ssrig serve`, opens its page in Chromium, captures, looks at the maps, and aborts.
+#include <gmock/gmock.h>
+#include <signal.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <optional>
+#include <thread>
+#include <vector>
+
+#include "hw_sim/display/child_process.h"
+#include "hw_sim/display/screen_grabber.h"
+#include "rig/rig_file.h"
+#include "tests/console/browser.h"
+
+namespace console {
+namespace {
+
+using std::chrono::seconds;
+
+constexpr auto kCaptureLimit = seconds(240);
+constexpr int kAbortCount = 5;
+
+// When the projector's screen was last seen to turn black.
+class BlackWatch {
+ public:
+  BlackWatch() {
+    auto started = hw_sim::ScreenGrabber::start(
+        {.display = std::getenv("DISPLAY")}, light_,
+        [this](const std::shared_ptr<const hw_sim::Picture>& picture) {
+          const bool is_black = std::ranges::all_of(picture->brightness.samples(),
+                                                    [](unsigned char value) { return value == 0; });
+          black_since_ = is_black ? rig::HostClock::now().time_since_epoch()
+                                  : rig::HostClock::duration::zero();
+        },
+        [](rig::HostTime, int) {});
+    EXPECT_TRUE(started) << started.error().detail;
+    if (started) grabber_ = std::move(*started);
+  }
+
+  // Zero while it is not black.
+  rig::HostClock::duration black_since() const { return black_since_; }
+
+ private:
+  hw_sim::LightTimeline light_;
+  std::atomic<rig::HostClock::duration> black_since_{};
+  std::unique_ptr<hw_sim::ScreenGrabber> grabber_;
+};
+
+class RigPage : public testing::Test {
+ protected:
+  RigPage() {
+    std::filesystem::remove_all(rig_file_->storage.directory);
+    auto started = hw_sim::ChildProcess::start(
+        {.argv = {SSRIG, "serve", "--rig", RIG_FILE}, .output = "serve.log"});
+    EXPECT_TRUE(started) << started.error().detail;
+    if (started) daemon_.emplace(std::move(*started));
+    httplib::Client client("127.0.0.1", rig_file_->daemon.port);
+    const auto deadline = rig::HostClock::now() + seconds(60);
+    while (rig::HostClock::now() < deadline) {
+      if (const auto answer = client.Get("/readyz"); answer && answer->status == 200) break;
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    }
+    browser_.open("http://127.0.0.1:" + std::to_string(rig_file_->daemon.port) + "/");
+    EXPECT_TRUE(browser_.wait_until("!document.getElementById('capture').disabled", seconds(30)));
+  }
+
+  // SIGTERM is the daemon's ordinary end.
+  ~RigPage() override {
+    if (!daemon_) return;
+    daemon_->send(SIGTERM);
+    EXPECT_EQ(daemon_->wait(rig::HostClock::now() + seconds(30)), 0)
+        << "the daemon ends with 0 on SIGTERM";
+  }
+
+  void press_capture_and_wait_for(int slot_count) {
+    ASSERT_TRUE(browser_.wait_until("!document.getElementById('capture').disabled", seconds(60)));
+    browser_.click("#capture");
+    ASSERT_TRUE(browser_.wait_until(
+        "state.phase === 'capturing' && state.slots_filled >= " + std::to_string(slot_count),
+        kCaptureLimit))
+        << browser_.value_of("state");
+  }
+
+  rig::Result<rig::RigFile> rig_file_ = rig::read_rig_file(RIG_FILE);
+  std::optional<hw_sim::ChildProcess> daemon_;
+  Browser browser_;
+};
+
+TEST_F(RigPage, CaptureShowsProgressAndThenTheMaps) {
+  press_capture_and_wait_for(1);
+  EXPECT_TRUE(browser_.wait_until(
+      "document.getElementById('count').textContent.includes('of 176 frames')", seconds(5)));
+  browser_.save_screenshot("page_capturing.png");
+  ASSERT_TRUE(browser_.wait_until("state.phase === 'ready' && state.last !== null", kCaptureLimit))
+      << browser_.value_of("state");
+  EXPECT_EQ(browser_.value_of("state.last.state"), "complete")
+      << browser_.value_of("state.last.message");
+  ASSERT_TRUE(browser_.wait_until(
+      "[...document.querySelectorAll('#pictures img')].length > 4 && "
+      "[...document.querySelectorAll('#pictures img')].every(i => i.naturalWidth > 100)",
+      seconds(30)));
+  browser_.save_screenshot("page_finished.png");
+  const std::filesystem::path session = browser_.value_of("state.last.session").get<std::string>();
+  EXPECT_TRUE(std::filesystem::exists(session / "maps" / "sigma_a.exr"));
+}
+
+TEST_F(RigPage, AbortTurnsTheScreenBlackAndTheNextCaptureStarts) {
+  BlackWatch watch;
+  std::vector<double> delays_ms;
+  for (int i = 0; i < kAbortCount; ++i) {
+    press_capture_and_wait_for(10 + 7 * i);
+    const auto pressed = rig::HostClock::now().time_since_epoch();
+    browser_.click("#abort");
+    ASSERT_TRUE(browser_.wait_until("state.last !== null && state.phase === 'ready'", seconds(60)));
+    EXPECT_EQ(browser_.value_of("state.last.state"), "aborted");
+    const auto black = watch.black_since();
+    ASSERT_NE(black, rig::HostClock::duration::zero()) << "the screen is not black after an abort";
+    ASSERT_GT(black, pressed) << "the screen was black before the abort";
+    delays_ms.push_back(std::chrono::duration<double, std::milli>(black - pressed).count());
+    browser_.value_of("(state.last = null)");
+  }
+  std::ranges::sort(delays_ms);
+  std::printf(
+      "abort: from the click to a black screen %.0f ms (median of %d; %.0f to %.0f), WebDriver's "
+      "round trip included\n",
+      delays_ms[delays_ms.size() / 2], kAbortCount, delays_ms.front(), delays_ms.back());
+}
+
+}  // namespace
+}  // namespace console
