@@ -110,8 +110,12 @@ void SignalStore::merge(Slot& slot) {
 
 SignalStore::Signals SignalStore::take() {
   Signals signals;
+  std::size_t unseen = 0;
   for (Slot& slot : slots_) {
-    if (slot.arrived.empty()) continue;
+    if (slot.arrived.empty()) {
+      ++unseen;
+      continue;
+    }
     if (slot.arrived.size() < slot.expected.size()) {
       signals.notes.push_back("pattern " + std::to_string(slot.merged.pattern->index) + " (" +
                               describe(slot.merged.pattern->kind) + ") has " +
@@ -121,6 +125,9 @@ SignalStore::Signals SignalStore::take() {
     }
     signals.patterns.push_back(std::move(slot.merged));
   }
+  if (unseen > 0)
+    signals.notes.push_back(std::to_string(unseen) + " of " + std::to_string(slots_.size()) +
+                            " patterns have no frame");
   const Image<float> black = mean_black(signals.patterns);
   if (black.empty()) return signals;
   signals.is_black_subtracted = true;

@@ -368,6 +368,7 @@ TEST(Estimator, PatternsWithMissingFramesUseTheOthersAndSaySo) {
   const auto maps = (*estimator)->finish();
   ASSERT_TRUE(maps);
   EXPECT_TRUE(any_contains((*estimator)->notes(), "pattern 3"));
+  EXPECT_TRUE(any_contains((*estimator)->notes(), "1 of 80 patterns have no frame"));
   expect_recovered(scene, *maps, 0.03);
 }
 
