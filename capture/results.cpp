@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 
+#include "capture/profile_points.h"
 #include "estimation/base/image.h"
 #include "estimation/report/quicklook.h"
 #include "estimation/session/frame_io.h"
@@ -70,7 +71,10 @@ Result<std::vector<fs::path>> write_results(const estimation::SessionEstimate& e
   std::vector<estimation::QuicklookFrame> frames;
   for (const SampleFrame& sample : *samples)
     frames.push_back({sample.name, sample.title, sample.dn.view()});
-  return estimation::write_quicklook(report_folder, estimate.maps, manifest.camera, frames, {});
+  const auto profiles = read_profile_points(session, manifest, estimate.maps);
+  if (!profiles) return tl::unexpected(profiles.error());
+  return estimation::write_quicklook(report_folder, estimate.maps, manifest.camera, frames,
+                                     *profiles);
 }
 
 }  // namespace capture

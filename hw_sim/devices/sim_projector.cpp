@@ -125,7 +125,9 @@ std::shared_ptr<const Picture> SimProjector::compose(const rig::ShowRequest& req
   picture->brightness = request.picture == rig::kBlackPicture
                             ? Image<unsigned char>(settings_.height_px, settings_.width_px)
                             : pictures_[static_cast<std::size_t>(request.picture)];
-  paint_square(settings_.sync_square, request.is_square_light, picture->brightness);
+  // As the window does: white is what the photodiode reads as light, or as low if inverted.
+  paint_square(settings_.sync_square, request.is_square_light != settings_.sync_square.is_inverted,
+               picture->brightness);
   return picture;
 }
 
