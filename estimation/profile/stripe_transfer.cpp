@@ -53,9 +53,11 @@ Result<HarmonicTransfer> HarmonicTransfer::create(const std::optional<StripeTran
         return tl::unexpected(wrong_file("the EXR's size is not the camera's"));
       maps.push_back(channel->second);
     }
-    if (maps.empty())
-      return tl::unexpected(wrong_file("the EXR has no channel " + name + ".1; expected " + name +
-                                       ".1, " + name + ".2, ..."));
+    if (maps.empty()) {
+      std::string expectation = "the EXR has no channel ";
+      expectation.append(name).append(".1; it needs R.1, R.2, ... and so on for each band");
+      return tl::unexpected(wrong_file(expectation));
+    }
   }
   return transfer;
 }
