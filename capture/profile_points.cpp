@@ -1,11 +1,14 @@
 #include "capture/profile_points.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 #include <optional>
 
+#include "estimation/base/image.h"
+#include "estimation/base/linear.h"
 #include "estimation/session/frame_io.h"
 
 namespace capture {
@@ -66,6 +69,27 @@ std::optional<std::uint16_t> sample(const Manifest& manifest, const Image<std::u
   return std::nullopt;
 }
 
+// What a perfect diffuse reflector in the point's place would add, DN/us; vignetting apart.
+double reflector_dn_per_us(const Manifest& manifest, const estimation::Maps& maps,
+                           const ProfilePoint& point, std::size_t band) {
+  const estimation::Calibration& calibration = manifest.calibration;
+  const auto at_point = [&point](const std::array<Image<float>, 3>& map) {
+    const auto value = [&](std::size_t axis) {
+      return static_cast<double>(map[axis].at(point.row, point.col));
+    };
+    return estimation::Vec3(value(0), value(1), value(2));
+  };
+  const estimation::Vec3 projector_mm =
+      -(calibration.projector_from_camera.t() * calibration.projector_from_camera_mm);
+  const estimation::Vec3 ray_mm = projector_mm - at_point(maps.position_mm);
+  const double distance_mm = cv::norm(ray_mm);
+  const double cosine = at_point(maps.normal).dot(ray_mm) / distance_mm;
+  const double fall_off =
+      calibration.irradiance->reference_distance_mm.value_or(distance_mm) / distance_mm;
+  const auto& signal_per_us = calibration.irradiance->signal_per_us;
+  return signal_per_us[std::min(band, signal_per_us.size() - 1)] * cosine * fall_off * fall_off;
+}
+
 // Frames come in the order of growing exposure: a longer one replaces a shorter.
 void add_frame(const Manifest& manifest, const FrameRecord& record, double shift_px,
                const Image<std::uint16_t>& frame, ProfilePoint& point) {
@@ -91,6 +115,9 @@ Result<std::vector<ProfilePoint>> read_profile_points(const std::filesystem::pat
                                                       const Manifest& manifest,
                                                       const estimation::Maps& maps) {
   std::vector<ProfilePoint> points = choose_points(maps);
+  const bool has_geometry = !maps.position_mm[0].empty() && !maps.normal[0].empty();
+  const auto& irradiance = manifest.calibration.irradiance;
+  if (!has_geometry || !irradiance || irradiance->signal_per_us.empty()) points.clear();
   if (points.empty()) return points;
   std::vector<FrameRecord> records;
   for (const FrameRecord& record : manifest.frames)
@@ -109,6 +136,9 @@ Result<std::vector<ProfilePoint>> read_profile_points(const std::filesystem::pat
   }
   const Stripes* stripes = method_stripes(manifest, records.front().pattern);
   for (ProfilePoint& point : points) {
+    for (std::size_t band = 0; band < point.measured.size(); ++band)
+      for (double& signal : point.measured[band])
+        signal /= reflector_dn_per_us(manifest, maps, point, band);
     point.period_px = stripes->period_px;
     // A stripe is centred on column u when its shift is u less half its width.
     const double u_px = static_cast<double>(maps.correspondence_px[0].at(point.row, point.col));

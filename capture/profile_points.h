@@ -11,9 +11,10 @@
 
 namespace capture {
 
-// Four pixels with a valid map, spread over the face from top to bottom: their signal in DN/us
-// (black removed, the longest exposure that is not saturated) under each column stripe of the
-// method's period. Empty where there is no valid pixel or there are no such stripes.
+// Four pixels with a valid map, spread over the face from top to bottom: their reflectance factor
+// (camera black removed, the longest exposure that is not saturated, cosine and distance from the
+// maps) under each column stripe of the method's period. Empty where there is no valid pixel, no
+// such stripes, or no irradiance calibration.
 estimation::Result<std::vector<estimation::ProfilePoint>> read_profile_points(
     const std::filesystem::path& session, const estimation::Manifest& manifest,
     const estimation::Maps& maps);
