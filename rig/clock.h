@@ -16,7 +16,8 @@ struct BoxClock {
   using rep = duration::rep;
   using period = duration::period;
   using time_point = std::chrono::time_point<BoxClock>;
-  static constexpr bool is_steady = true;
+  static constexpr bool is_steady =
+      true;  // NOLINT(readability-identifier-naming): the standard's name
 };
 
 // The camera's timestamp counter in ns; starts anywhere.
@@ -25,7 +26,8 @@ struct CameraClock {
   using rep = duration::rep;
   using period = duration::period;
   using time_point = std::chrono::time_point<CameraClock>;
-  static constexpr bool is_steady = true;
+  static constexpr bool is_steady =
+      true;  // NOLINT(readability-identifier-naming): the standard's name
 };
 
 // Host time of a device time: offset and drift by least squares over the latest samples, each with
