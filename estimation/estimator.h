@@ -26,6 +26,7 @@ struct EstimatorOptions {
 
   // Every bad field in one error, not the first alone.
   Result<void> validate() const;
+  bool operator==(const EstimatorOptions&) const = default;
 };
 
 // Feed it from one thread; it spreads the work over its own oneTBB arena. finish() is called once.

@@ -1,5 +1,7 @@
 // ssrig capture: one capture, maps included, as a new session folder.
+#include <chrono>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -12,6 +14,7 @@
 #include "capture/app/interrupts.h"
 #include "capture/app/open_rig.h"
 #include "capture/capture_job.h"
+#include "capture/daemon/daemon_client.h"
 #include "nlohmann/json.hpp"
 #include "rig/rig_file.h"
 
@@ -79,10 +82,58 @@ CaptureResult refusal(ExitCode exit_code, std::string message) {
   return result;
 }
 
+estimation::SessionState state_from(const std::string& word) {
+  using estimation::SessionState;
+  for (const SessionState state : {SessionState::kComplete, SessionState::kAborted})
+    if (to_string(state) == word) return state;
+  return SessionState::kFailed;
+}
+
+// The rig is in a daemon's hands: it captures, we show how far it is.
+CaptureResult ask_daemon(DaemonClient& daemon, const CaptureArguments& arguments,
+                         const std::stop_token& stop) {
+  const estimation::EstimatorOptions& wanted = arguments.options.estimator;
+  if (wanted != estimation::EstimatorOptions{}) {
+    return refusal(ExitCode::kUsage,
+                   "a daemon holds this rig and estimates with its own options; give them to "
+                   "ssrig serve, or use ssrig estimate afterwards");
+  }
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  const std::string request_id = "cli-" + std::to_string(now.count());
+  const std::string directory =
+      arguments.directory.empty() ? "" : std::filesystem::absolute(arguments.directory).string();
+  const auto reply = daemon.request_capture(request_id, arguments.options.subject, directory);
+  if (!reply.is_accepted) return refusal(ExitCode::kDevice, reply.error);
+  ProgressLine line;
+  const auto show = [&line](const DaemonSnapshot& snapshot) {
+    const bool is_estimating = snapshot.phase == DaemonPhase::kEstimating;
+    line.show(describe({.phase = is_estimating ? CaptureProgress::Phase::kEstimating
+                                               : CaptureProgress::Phase::kCapturing,
+                        .slots_filled = snapshot.slots_filled,
+                        .slots_total = snapshot.slots_total,
+                        .retake_count = snapshot.retake_count,
+                        .text = snapshot.message}),
+              is_estimating);
+  };
+  const auto outcome = daemon.follow(request_id, show, stop);
+  if (!outcome)
+    return refusal(ExitCode::kDevice,
+                   "the daemon has gone; look at its log, and at the newest session folder");
+  return {.exit_code = static_cast<ExitCode>(outcome->exit_code),
+          .message = outcome->message,
+          .session = outcome->session,
+          .state = state_from(outcome->state),
+          .pictures = outcome->pictures,
+          .notes = outcome->notes};
+}
+
 CaptureResult capture_once(CaptureArguments arguments) {
   const Interrupts interrupts;
   const auto rig_file = rig::read_rig_file(arguments.rig_file);
   if (!rig_file) return refusal(ExitCode::kUsage, rig_file.error().detail);
+  const std::string rig_path = std::filesystem::weakly_canonical(rig_file->path).string();
+  if (const auto daemon = DaemonClient::find(rig_file->daemon.port, rig_path))
+    return ask_daemon(*daemon, arguments, interrupts.stop());
   arguments.options.directory = rig_file->storage.directory;
   if (!arguments.directory.empty()) arguments.options.directory = arguments.directory;
   arguments.options.created = std::chrono::system_clock::now();

@@ -44,7 +44,8 @@ CaptureOutcome outcome_of(const CaptureRequest& request, const CaptureResult& re
       .state = estimation::to_string(result.state),
       .exit_code = static_cast<int>(result.exit_code),
       .message = result.message,
-      .pictures = result.pictures};
+      .pictures = result.pictures,
+      .notes = result.notes};
 }
 
 // Holds one rig file's devices, and opens them anew when one was lost. Main thread: run(); the

@@ -32,6 +32,15 @@ int number(const nlohmann::json& json, const char* key) {
   return found != json.end() && found->is_number_integer() ? found->get<int>() : 0;
 }
 
+std::vector<std::string> texts(const nlohmann::json& json, const char* key) {
+  std::vector<std::string> values;
+  const auto found = json.find(key);
+  if (found == json.end() || !found->is_array()) return values;
+  for (const nlohmann::json& value : *found)
+    if (value.is_string()) values.push_back(value.get<std::string>());
+  return values;
+}
+
 DaemonPhase phase_from(const std::string& word) {
   for (const DaemonPhase phase :
        {DaemonPhase::kStarting, DaemonPhase::kReady, DaemonPhase::kCapturing,
@@ -52,7 +61,7 @@ std::optional<DaemonSnapshot> parse_snapshot(const std::string& body) {
                           .slots_filled = number(json, "slots_filled"),
                           .slots_total = number(json, "slots_total"),
                           .retake_count = number(json, "retake_count"),
-                          .notes = {},
+                          .notes = texts(json, "notes"),
                           .last = std::nullopt};
   if (const auto last = json.find("last"); last != json.end() && last->is_object()) {
     snapshot.last = CaptureOutcome{.request_id = text(*last, "request_id"),
@@ -60,7 +69,8 @@ std::optional<DaemonSnapshot> parse_snapshot(const std::string& body) {
                                    .state = text(*last, "state"),
                                    .exit_code = number(*last, "exit_code"),
                                    .message = text(*last, "message"),
-                                   .pictures = {}};
+                                   .pictures = texts(*last, "pictures"),
+                                   .notes = texts(*last, "notes")};
   }
   return snapshot;
 }

@@ -35,10 +35,13 @@ std::string to_json(const DaemonSnapshot& snapshot) {
                                  {"notes", snapshot.notes},
                                  {"last", nullptr}};
   if (snapshot.last) {
-    json["last"] = {
-        {"request_id", snapshot.last->request_id}, {"session", snapshot.last->session},
-        {"state", snapshot.last->state},           {"exit_code", snapshot.last->exit_code},
-        {"message", snapshot.last->message},       {"pictures", snapshot.last->pictures}};
+    json["last"] = {{"request_id", snapshot.last->request_id},
+                    {"session", snapshot.last->session},
+                    {"state", snapshot.last->state},
+                    {"exit_code", snapshot.last->exit_code},
+                    {"message", snapshot.last->message},
+                    {"pictures", snapshot.last->pictures},
+                    {"notes", snapshot.last->notes}};
   }
   // A camera's or a file's name may hold any bytes: replace what is not UTF-8 instead of throwing.
   return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);

@@ -32,6 +32,7 @@ struct CaptureOutcome {
   int exit_code = 0;    // of the table in architecture.md
   std::string message;
   std::vector<std::string> pictures;  // quick-look files, relative to `session`
+  std::vector<std::string> notes;     // what could not be computed, and why
 };
 
 struct DaemonSnapshot {

@@ -155,7 +155,7 @@ rig::Result<std::string> find_glx_shim() {
   const std::filesystem::path folder =
       std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
   std::string places;
-  for (const char* place : {"../display", ".", "../lib/ssrig"}) {
+  for (const char* place : {".", "../lib/ssrig"}) {
     const std::filesystem::path file = (folder / place / "libglxsim.so").lexically_normal();
     if (std::filesystem::exists(file, error)) return file.string();
     places += (places.empty() ? "" : ", ") + file.string();

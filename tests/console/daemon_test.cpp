@@ -80,7 +80,8 @@ class Rig {
                                        .state = is_aborted ? "aborted" : "complete",
                                        .exit_code = is_aborted ? 130 : 0,
                                        .message = is_aborted ? "aborted" : "176 of 176 frames",
-                                       .pictures = {"report/sigma_a.png"}};
+                                       .pictures = {"report/sigma_a.png"},
+                                       .notes = {"no row patterns"}};
       });
     }
   }
@@ -248,6 +249,8 @@ TEST(DaemonClient, FollowsACaptureToItsEnd) {
   ASSERT_TRUE(outcome.has_value());
   EXPECT_TRUE(was_seen_capturing);
   EXPECT_EQ(outcome->state, "complete");
+  EXPECT_THAT(outcome->pictures, testing::ElementsAre("report/sigma_a.png"));
+  EXPECT_THAT(outcome->notes, testing::ElementsAre("no row patterns"));
 }
 
 TEST(DaemonClient, AStopAbortsTheCapture) {

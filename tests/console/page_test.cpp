@@ -81,7 +81,8 @@ TEST_F(Page, ShowsProgressThenThePictures) {
                                    .state = "complete",
                                    .exit_code = 0,
                                    .message = "176 of 176 frames",
-                                   .pictures = {"sigma_a.png"}};
+                                   .pictures = {"sigma_a.png"},
+                                   .notes = {}};
   });
   EXPECT_TRUE(
       page_shows("document.querySelector('#pictures img') && document.querySelector('#pictures "
