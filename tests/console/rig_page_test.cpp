@@ -115,6 +115,18 @@ TEST_F(RigPage, CaptureShowsProgressAndThenTheMaps) {
   EXPECT_TRUE(std::filesystem::exists(session / "maps" / "sigma_a.exr"));
 }
 
+TEST_F(RigPage, CommandLineAsksTheDaemonThatHoldsTheRig) {
+  auto command = hw_sim::ChildProcess::start(
+      {.argv = {SSRIG, "capture", "--rig", RIG_FILE, "--subject", "cli"}, .output = "capture.log"});
+  ASSERT_TRUE(command) << command.error().detail;
+  EXPECT_TRUE(browser_.wait_until("state.phase === 'capturing'", seconds(60)))
+      << "the page follows";
+  EXPECT_EQ(command->wait(rig::HostClock::now() + kCaptureLimit), 0);
+  ASSERT_TRUE(browser_.wait_until("state.last !== null", seconds(10)));
+  EXPECT_TRUE(browser_.value_of("state.last.session").get<std::string>().ends_with("-cli"));
+  EXPECT_EQ(browser_.value_of("state.last.state"), "complete");
+}
+
 TEST_F(RigPage, AbortTurnsTheScreenBlackAndTheNextCaptureStarts) {
   BlackWatch watch;
   browser_.value_of(
