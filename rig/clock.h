@@ -16,8 +16,8 @@ struct BoxClock {
   using rep = duration::rep;
   using period = duration::period;
   using time_point = std::chrono::time_point<BoxClock>;
-  static constexpr bool is_steady =
-      true;  // NOLINT(readability-identifier-naming): the standard's name
+  // NOLINTNEXTLINE(readability-identifier-naming): the standard's name for it
+  static constexpr bool is_steady = true;
 };
 
 // The camera's timestamp counter in ns; starts anywhere.
@@ -26,8 +26,8 @@ struct CameraClock {
   using rep = duration::rep;
   using period = duration::period;
   using time_point = std::chrono::time_point<CameraClock>;
-  static constexpr bool is_steady =
-      true;  // NOLINT(readability-identifier-naming): the standard's name
+  // NOLINTNEXTLINE(readability-identifier-naming): the standard's name for it
+  static constexpr bool is_steady = true;
 };
 
 // Host time of a device time: offset and drift by least squares over the latest samples, each with

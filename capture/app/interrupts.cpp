@@ -18,8 +18,9 @@ Interrupts::Interrupts() {
 }
 
 Interrupts::~Interrupts() {
-  // Wakes the thread: a blocked signal sent to it alone ends its wait.
   thread_.request_stop();
+  // Wakes the thread, for the signal is blocked there and waited for.
+  // NOLINTNEXTLINE(bugprone-bad-signal-to-kill-thread): a blocked signal terminates nothing
   pthread_kill(thread_.native_handle(), SIGTERM);
 }
 

@@ -3,6 +3,7 @@
 
 #include "capture/app/commands.h"
 
+// NOLINTNEXTLINE(bugprone-exception-escape): CLI11 would only throw about our own commands' names
 int main(int argc, char** argv) {
   CLI::App program(
       "ssrig projects patterns on a face, photographs them, and returns per-pixel subsurface\n"
