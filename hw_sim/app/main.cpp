@@ -32,7 +32,7 @@ void add_judge(CLI::App& app, hw_sim::JudgeOptions& options) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape): CLI11's own are caught
   CLI::App app(
       "The virtual rig: devices at the far end of real wires, and a head in front of them");
   app.require_subcommand(1);

@@ -32,12 +32,13 @@ std::vector<std::string> child_environment(const std::map<std::string, std::stri
     if (!changes.contains(text.substr(0, text.find('=')))) environment.push_back(text);
   }
   for (const auto& [name, value] : changes)
-    if (!value.empty()) environment.push_back(name + "=" + value);
+    if (!value.empty()) environment.emplace_back(name).append("=").append(value);
   return environment;
 }
 
 std::vector<char*> c_strings(std::vector<std::string>& texts) {
   std::vector<char*> pointers;
+  pointers.reserve(texts.size() + 1);
   for (std::string& text : texts) pointers.push_back(text.data());
   pointers.push_back(nullptr);
   return pointers;

@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <deque>
@@ -62,7 +63,7 @@ class SharedImage {
     shmctl(segment_.shmid, IPC_RMID, nullptr);  // goes with its last user, even if we crash
   }
   ~SharedImage() {
-    XShmDetach(display_, &segment_);
+    if (display_ != nullptr) XShmDetach(display_, &segment_);
     shmdt(segment_.shmaddr);
     image_->data = nullptr;
     XDestroyImage(image_);
@@ -70,13 +71,15 @@ class SharedImage {
   SharedImage(const SharedImage&) = delete;
   SharedImage& operator=(const SharedImage&) = delete;
 
+  void forget_server() { display_ = nullptr; }  // it is gone: Xlib would wait for it
   int width_px() const { return image_->width; }
   int height_px() const { return image_->height; }
   bool fill(int x_px, int y_px) {
     return XShmGetImage(display_, DefaultRootWindow(display_), image_, x_px, y_px, AllPlanes) != 0;
   }
   const std::uint32_t* row(int row) const {  // 0xRRGGBB
-    return reinterpret_cast<const std::uint32_t*>(image_->data + row * image_->bytes_per_line);
+    return reinterpret_cast<const std::uint32_t*>(image_->data +
+                                                  std::ptrdiff_t{row} * image_->bytes_per_line);
   }
 
  private:
@@ -152,6 +155,7 @@ class ScreenGrabber::Eye {
         photodiode_(settings.photodiode),
         wake_(eventfd(0, EFD_CLOEXEC)) {}
   ~Eye() {
+    if (is_server_gone_ && image_) image_->forget_server();
     image_.reset();
     if (is_server_gone_) static_cast<void>(display_.release());  // closing would talk to it
     display_.reset();

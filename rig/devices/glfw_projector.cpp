@@ -424,9 +424,9 @@ Result<void> GlfwProjector::Window::prepare_drawing() {
     return failure(Fault::kConfiguration, "the window on monitor " + settings_.monitor +
                                               " became " + size_text(width_px, height_px) +
                                               " px; turn off scaling on the projector's monitor");
-  Result<PictureBook> book = PictureBook::create(settings_);
+  const Result<PictureBook> book = PictureBook::create(settings_);
   if (!book) return tl::unexpected(book.error());
-  book_.emplace(std::move(*book));
+  book_.emplace(*book);
   if (glfwExtensionSupported("GLX_OML_sync_control") == GLFW_TRUE)
     wait_for_sbc_ = reinterpret_cast<WaitForSbc>(glfwGetProcAddress("glXWaitForSbcOML"));
   report_.monitor = settings_.monitor;

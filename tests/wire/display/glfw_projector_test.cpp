@@ -168,8 +168,7 @@ TEST(GlfwProjector, ChangedGammaIsAFaultAndIsMadeIdentityAgain) {
     ASSERT_TRUE(screen().set_projector_gamma(2.2));
     EXPECT_THAT(wait_for_fault(events), HasSubstr("gamma ramp of monitor DUMMY1"));
     ASSERT_TRUE(wait_until_ready(projector, events));
-    EXPECT_NEAR(display_test::read_gamma(screen().display(), "DUMMY1", 128), 65535 * 128 / 255,
-                256);
+    EXPECT_NEAR(display_test::read_gamma(screen().display(), "DUMMY1", 128), 257 * 128, 256);
   });
 }
 
@@ -189,8 +188,7 @@ TEST(GlfwProjector, GammaIsIdentityWhileOpenAndRestoredAfterwards) {
   const int before = display_test::read_gamma(screen().display(), "DUMMY1", 128);
   run_projector(projector_settings(), [](rig::Projector& projector, rig::EventSource&) {
     EXPECT_TRUE(projector.report().is_gamma_identity);
-    EXPECT_NEAR(display_test::read_gamma(screen().display(), "DUMMY1", 128), 65535 * 128 / 255,
-                256);
+    EXPECT_NEAR(display_test::read_gamma(screen().display(), "DUMMY1", 128), 257 * 128, 256);
   });
   EXPECT_EQ(display_test::read_gamma(screen().display(), "DUMMY1", 128), before);
   ASSERT_TRUE(screen().set_projector_gamma(1));

@@ -17,7 +17,7 @@ constexpr auto kPatience = std::chrono::seconds(150);
 
 // A folder for TMPDIR, so that what is left behind is seen; its path stays short for sockets.
 class SsrigSim : public testing::Test {
- protected:
+ public:
   SsrigSim() {
     std::string name = "/tmp/sim.XXXXXX";
     folder_ = mkdtemp(name.data());
@@ -25,6 +25,7 @@ class SsrigSim : public testing::Test {
   }
   ~SsrigSim() override { std::filesystem::remove_all(folder_); }
 
+ protected:
   // Exit code of `ssrig-sim run --rig small.toml ... -- command`.
   int run(const std::vector<std::string>& command, const std::vector<std::string>& options = {}) {
     std::vector<std::string> argv = {SSRIG_SIM, "run",          "--rig",      SMALL_RIG,
