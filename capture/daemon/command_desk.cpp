@@ -38,15 +38,15 @@ Answer CommandDesk::request_capture(const CaptureRequest& request) {
 }
 
 Answer CommandDesk::request_abort(const std::string& request_id) {
-  std::stop_source stop(std::nostopstate);
+  std::optional<std::stop_source> stop;
   {
     const std::lock_guard lock(mutex_);
     if (const auto answer = remembered(request_id)) return *answer;
     if (!is_capturing_) return Answer::kNothing;
-    stop = capture_stop_;
+    stop.emplace(capture_stop_);
     remember(request_id, Answer::kAccepted);
   }
-  stop.request_stop();  // outside the lock: it may run callbacks
+  stop->request_stop();  // outside the lock: it may run callbacks
   board_.update([](DaemonSnapshot& snapshot) {
     if (snapshot.phase != DaemonPhase::kReady) snapshot.phase = DaemonPhase::kAborting;
   });

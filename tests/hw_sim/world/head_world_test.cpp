@@ -176,6 +176,18 @@ class FaceTruth : public testing::Test {
             static_cast<double>(images[1].at(row, col)),
             static_cast<double>(images[2].at(row, col))};
   }
+  static std::size_t band_at(int row, int col) {
+    return static_cast<std::size_t>(estimation::band_at(rig_->camera, row, col));
+  }
+  // What a perfect white surface would give there, lit from the pixel's angle and distance.
+  static double white_signal_per_us(int row, int col) {
+    const auto& c = rig_->calibration;
+    const Vec3 lamp = -(c.projector_from_camera.t() * c.projector_from_camera_mm);
+    const double ratio = *c.irradiance->reference_distance_mm /
+                         cv::norm(vector_at(maps_->position_mm, row, col) - lamp);
+    return c.irradiance->signal_per_us[band_at(row, col)] * extra("cos_projector", row, col) *
+           ratio * ratio;
+  }
   static TestRig* rig_;
   static Image<float>* bare_;  // without interreflection
   static Image<float>* full_;
@@ -252,14 +264,8 @@ TEST_F(FaceTruth, LitSkinFarFromBordersReflectsItsTruth) {
   for_each_seen([&](int row, int col) {
     if (extra("lit", row, col) == 0 || extra("cos_projector", row, col) < 0.5) return;
     if (extra("border_distance_mm", row, col) < 8) return;
-    const auto band = static_cast<std::size_t>(estimation::band_at(rig_->camera, row, col));
-    const auto& c = rig_->calibration;
-    const Vec3 lamp = -(c.projector_from_camera.t() * c.projector_from_camera_mm);
-    const double ratio = *c.irradiance->reference_distance_mm /
-                         cv::norm(vector_at(maps_->position_mm, row, col) - lamp);
-    const double gain = extra("cos_projector", row, col) * ratio * ratio;
-    const double factor =
-        static_cast<double>(full_->at(row, col)) / c.irradiance->signal_per_us[band] / gain;
+    const std::size_t band = band_at(row, col);
+    const double factor = static_cast<double>(full_->at(row, col)) / white_signal_per_us(row, col);
     const double truth = static_cast<double>(maps_->diffuse_reflectance[band].at(row, col)) +
                          static_cast<double>(maps_->indirect[band].at(row, col));
     ++count;
@@ -289,15 +295,10 @@ TEST_F(FaceTruth, InterreflectionOnlyAddsAndIsItsTruth) {
   for_each_seen([&](int row, int col) {
     EXPECT_GE(full_->at(row, col), bare_->at(row, col));
     if (extra("cos_projector", row, col) < 0.5) return;
-    const auto band = static_cast<std::size_t>(estimation::band_at(rig_->camera, row, col));
-    const auto& c = rig_->calibration;
-    const Vec3 lamp = -(c.projector_from_camera.t() * c.projector_from_camera_mm);
-    const double ratio = *c.irradiance->reference_distance_mm /
-                         cv::norm(vector_at(maps_->position_mm, row, col) - lamp);
-    const double gain = extra("cos_projector", row, col) * ratio * ratio;
+    const std::size_t band = band_at(row, col);
     const double b = static_cast<double>(maps_->indirect[band].at(row, col));
     const double added = static_cast<double>(full_->at(row, col) - bare_->at(row, col)) /
-                         c.irradiance->signal_per_us[band] / gain;
+                         white_signal_per_us(row, col);
     EXPECT_NEAR(added, b, 2e-5);
     largest = std::max(largest, b);
   });
