@@ -17,7 +17,7 @@
 namespace capture {
 namespace {
 
-constexpr std::size_t kBodyLimit_bytes = 16 * 1024;
+constexpr std::size_t kBodyLimit_bytes = std::size_t{16} * 1024;
 constexpr std::size_t kTextLimit = 200;  // of a subject or a request id
 constexpr int kThreadCount = 16;         // each open page holds one for its event stream
 constexpr int kStreamLimit = 12;         // the rest stay free for commands

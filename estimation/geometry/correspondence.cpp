@@ -119,7 +119,7 @@ void store_phase(const FamilySource& source, const Phasor& phasor, std::size_t c
 Phasor demodulate_partial(const FamilySource& source, int row, int col,
                           const CorrespondenceOptions& options, Workspace& work) {
   std::vector<char> use;
-  for (const auto& signal : source.signals) use.push_back(!std::isnan(signal.at(row, col)));
+  for (const auto& signal : source.signals) use.push_back(std::isnan(signal.at(row, col)) ? 0 : 1);
   auto& weights = work.partial[{&source, use}];
   const bool is_new = !weights && std::count(use.begin(), use.end(), 1) >= 3;
   if (is_new) weights = make_demodulation(source.family, use, options.least_blur_px);
@@ -338,8 +338,11 @@ void take_readings(const AxisPlan& plan, const AxisRow& rows, std::size_t col,
     const float value = rows.bit_value[j][col] / modulation.value;
     const float variance = rows.bit_variance[j][col] / (modulation.value * modulation.value);
     const bool is_read = !std::isnan(value);
-    work.bits.push_back(
-        {is_read ? std::clamp(value, -1.0F, 1.0F) : 0.0F, is_read ? variance : kInfinity});
+    if (is_read) {
+      work.bits.push_back({std::clamp(value, -1.0F, 1.0F), variance});
+    } else {
+      work.bits.push_back({0.0F, kInfinity});
+    }
   }
   work.usable.clear();
   for (std::size_t f = 0; f < plan.families.size(); ++f) {

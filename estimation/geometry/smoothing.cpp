@@ -171,11 +171,11 @@ FilterKernels make_kernels(int radius_px) {
   const double determinant = m0 * m0 * (m4 * m0 + m2 * m2) - 2 * m2 * m0 * m2 * m0;
   const double a = (m4 * m0 + m2 * m2) / determinant;
   const double b = -m2 * m0 / determinant;
+  const double* weight_at = weights.data() + radius_px;  // [-radius_px ... radius_px]
   double squares = 0;
   for (int y = -radius_px; y <= radius_px; ++y) {
     for (int x = -radius_px; x <= radius_px; ++x) {
-      const double h = weights[static_cast<std::size_t>(x + radius_px)] *
-                       weights[static_cast<std::size_t>(y + radius_px)] * (a + b * (x * x + y * y));
+      const double h = weight_at[x] * weight_at[y] * (a + b * (x * x + y * y));
       squares += h * h;
     }
   }
@@ -254,14 +254,15 @@ struct FitPoint {
 };
 
 constexpr int kSparseSize = 2 * kSparseRadius + 1;
+constexpr std::size_t kSparseCount = std::size_t{kSparseSize} * kSparseSize;
 
 // The neighbours that links lead to from the centre, on a grid of `stride` px.
 std::vector<FitPoint> connected_points(const DepthMap& depth, const Neighbours& neighbours, int row,
                                        int col, int stride, int radius_px) {
-  std::array<char, kSparseSize * kSparseSize> seen{};
+  std::array<char, kSparseCount> seen{};
   std::vector<std::array<int, 2>> queue{{0, 0}};
   std::vector<FitPoint> points;
-  seen[kSparseSize * kSparseSize / 2] = 1;
+  seen[kSparseCount / 2] = 1;
   for (std::size_t next = 0; next < queue.size(); ++next) {
     const auto [gy, gx] = queue[next];
     const int y = row + gy * stride, x = col + gx * stride;
@@ -272,8 +273,8 @@ std::vector<FitPoint> connected_points(const DepthMap& depth, const Neighbours& 
     for (const auto& [dy, dx] : {std::array{0, 1}, {1, 0}, {0, -1}, {-1, 0}}) {
       const int ny = gy + dy, nx = gx + dx;
       if (std::max(std::abs(ny), std::abs(nx)) * stride > radius_px) continue;
-      char& was_seen =
-          seen[static_cast<std::size_t>((ny + kSparseRadius) * kSparseSize + nx + kSparseRadius)];
+      const int cell = (ny + kSparseRadius) * kSparseSize + nx + kSparseRadius;
+      char& was_seen = seen[static_cast<std::size_t>(cell)];
       const int other_y = row + ny * stride, other_x = col + nx * stride;
       if (was_seen || other_y < 0 || other_x < 0 ||
           other_y >= depth.inverse_depth_per_mm.height_px ||

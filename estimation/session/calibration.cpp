@@ -63,6 +63,7 @@ std::vector<double> read_bands(const JsonValue& value, Sign sign, const std::str
     value.fail("a list of 3 (or 1 for a mono camera): " + what);
   }
   std::vector<double> bands;
+  bands.reserve(values.size());
   for (const JsonValue& band : values) {
     bands.push_back(sign == Sign::kPositive ? band.positive(what) : band.non_negative(what));
   }
