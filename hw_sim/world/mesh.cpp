@@ -70,9 +70,10 @@ struct Grid {
   }
   void add_block(int bx, int by, int bz, std::vector<std::array<float, 3>>& vertices) const {
     constexpr int kSide = kBlock + 1;
-    std::vector<double> distance(kSide * kSide * kSide);
+    std::vector<double> distance(std::size_t{kSide} * kSide * kSide);
     const auto index = [](int x, int y, int z) {
-      return static_cast<std::size_t>((z * kSide + y) * kSide + x);
+      const int corner = (z * kSide + y) * kSide + x;
+      return static_cast<std::size_t>(corner);
     };
     for (int z = 0; z < kSide; ++z)
       for (int y = 0; y < kSide; ++y)

@@ -207,6 +207,7 @@ struct Transport::Worker {
     if (largest <= 0) return window;
     window.scale = largest / 65535;
     std::vector<std::uint16_t> steps;
+    steps.reserve(pixels.size());
     for (const float value : pixels)
       steps.push_back(static_cast<std::uint16_t>(std::lrint(std::max(value, 0.0F) / window.scale)));
     const auto is_lit = [](std::uint16_t value) { return value > 0; };

@@ -386,6 +386,18 @@ double exposure_tolerance_us(std::chrono::microseconds exposure) {
   return std::max(kExposureRoundingMinUs, exposure_us(exposure) * kExposureRoundingFrac);
 }
 
+// What to do about an error, unless the device is gone: that says so itself.
+Result<void> advising(Result<void> result, const std::string& remedy) {
+  if (!result && result.error().fault != Fault::kDeviceLost) result.error().detail += "; " + remedy;
+  return result;
+}
+
+std::string joined(const std::vector<std::string>& words) {
+  std::string text;
+  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
+  return text.empty() ? "none" : text;
+}
+
 // Runs steps until one fails.
 template <typename... Steps>
 Result<void> in_order(Steps&&... steps) {
@@ -415,6 +427,7 @@ class AravisCamera::Impl {
   Result<void> read_identity();
   Result<void> stop_whatever_runs();
   Result<void> set_region();
+  Result<void> set_extent(const char* name, int value_px, const char* key);
   Result<void> set_pixel_format();
   Result<void> set_packet_size();
   Result<void> set_chunks();
@@ -549,23 +562,41 @@ Result<void> AravisCamera::Impl::stop_whatever_runs() {
 }
 
 Result<void> AravisCamera::Impl::set_region() {
-  const auto set_offset = [&](const char* name, int offset_px) {
+  const auto set_offset = [&](const char* name, int offset_px, const char* key) {
     return offset_px == 0 && !features_.has(name) ? Result<void>{}
-                                                  : features_.set_integer(name, offset_px);
+                                                  : set_extent(name, offset_px, key);
   };
   // Offsets first go to zero, so that any width fits.
   const Result<void> result =
-      in_order([&] { return set_offset("OffsetX", 0); }, [&] { return set_offset("OffsetY", 0); },
-               [&] { return features_.set_integer("Width", settings_.width_px); },
-               [&] { return features_.set_integer("Height", settings_.height_px); },
-               [&] { return set_offset("OffsetX", settings_.offset_x_px); },
-               [&] { return set_offset("OffsetY", settings_.offset_y_px); });
+      in_order([&] { return set_offset("OffsetX", 0, "offset_x_px"); },
+               [&] { return set_offset("OffsetY", 0, "offset_y_px"); },
+               [&] { return set_extent("Width", settings_.width_px, "width_px"); },
+               [&] { return set_extent("Height", settings_.height_px, "height_px"); },
+               [&] { return set_offset("OffsetX", settings_.offset_x_px, "offset_x_px"); },
+               [&] { return set_offset("OffsetY", settings_.offset_y_px, "offset_y_px"); });
   format_.width_px = settings_.width_px;
   format_.height_px = settings_.height_px;
   return result;
 }
 
+// A number of pixels; `key` is the rig file's.
+Result<void> AravisCamera::Impl::set_extent(const char* name, int value_px, const char* key) {
+  const std::string remedy = std::string("correct camera.") + key + " in the rig file";
+  const auto bounds = features_.integer_bounds(name);
+  if (bounds && (value_px < bounds->first || value_px > bounds->second))
+    return failure(Fault::kOutOfRange, at("the camera at ") + " takes a " + name + " of " +
+                                           std::to_string(bounds->first) + " to " +
+                                           std::to_string(bounds->second) + " px here, not " +
+                                           std::to_string(value_px) + "; " + remedy);
+  return advising(features_.set_integer(name, value_px), remedy);
+}
+
 Result<void> AravisCamera::Impl::set_pixel_format() {
+  if (!features_.has_entry("PixelFormat", settings_.pixel_format))
+    return failure(Fault::kUnsupported, at("the camera at ") + " has no pixel format " +
+                                            settings_.pixel_format + " but " +
+                                            joined(features_.entries("PixelFormat")) +
+                                            "; correct camera.pixel_format in the rig file");
   if (auto set = features_.set_text("PixelFormat", settings_.pixel_format); !set) return set;
   GError* error = nullptr;
   format_.pixel_format_code = arv_camera_get_pixel_format(camera_.get(), &error);
@@ -590,14 +621,17 @@ Result<void> AravisCamera::Impl::set_packet_size() {
     if (const auto mtu = interface_mtu(inet_text(interface)))
       wanted_bytes = std::min(wanted_bytes, *mtu);
   }
+  constexpr const char* kRemedy =
+      "correct camera.packet_size_bytes in the rig file, or leave it out to have it negotiated";
   arv_camera_gv_set_packet_size(camera, wanted_bytes, &error);
-  if (auto written = take_error(&error, "setting the packet size"); !written) return written;
+  const std::string what = "setting the packet size to " + std::to_string(wanted_bytes) + " bytes";
+  if (auto written = advising(take_error(&error, what), kRemedy); !written) return written;
   packet_size_bytes_ = static_cast<int>(arv_camera_gv_get_packet_size(camera, &error));
   if (auto read = take_error(&error, "reading the packet size"); !read) return read;
   if (settings_.packet_size_bytes == 0 || packet_size_bytes_ == wanted_bytes) return {};
   return failure(Fault::kReadBackMismatch, "packet size was set to " +
                                                std::to_string(wanted_bytes) + " but reads " +
-                                               std::to_string(packet_size_bytes_));
+                                               std::to_string(packet_size_bytes_) + "; " + kRemedy);
 }
 
 // Chunks are welcome but optional: a camera without them gives frames without those values.
@@ -661,10 +695,12 @@ Result<void> AravisCamera::Impl::check_exposures(
     if (!bounds) return tl::unexpected(bounds.error());
     for (const std::chrono::microseconds exposure : exposures)
       if (exposure_us(exposure) < bounds->first || exposure_us(exposure) > bounds->second)
-        return failure(Fault::kOutOfRange, "an exposure of " + std::to_string(exposure.count()) +
-                                               " us is outside the camera's " +
-                                               std::to_string(bounds->first) + " to " +
-                                               std::to_string(bounds->second) + " us");
+        return failure(Fault::kOutOfRange,
+                       at("the camera at ") + " exposes for " +
+                           std::to_string(std::llround(bounds->first)) + " to " +
+                           std::to_string(std::llround(bounds->second)) + " us, not for " +
+                           std::to_string(exposure.count()) +
+                           " us; correct sequence.exposures_us in the rig file");
     return {};
   }
   return failure(Fault::kUnsupported, "the camera has no feature ExposureTime");
@@ -694,7 +730,9 @@ Result<void> AravisCamera::Impl::program_sequencer(
   if (set_count > sets->second + 1)
     return failure(Fault::kOutOfRange, "the camera's sequencer has " +
                                            std::to_string(sets->second + 1) + " sets, " +
-                                           std::to_string(set_count) + " exposures were asked for");
+                                           std::to_string(set_count) +
+                                           " exposures were asked for; shorten "
+                                           "sequence.exposures_us, or use trigger_width");
   const auto next = [&](int set) { return (set + 1) % set_count; };
   const auto exposure_of = [&](int set) { return exposures[static_cast<std::size_t>(set)]; };
   if (auto on = features_.set_text("SequencerConfigurationMode", "On"); !on) return on;
@@ -744,7 +782,7 @@ Result<void> AravisCamera::Impl::verify_set(int set, int next_set,
 
 Result<std::shared_ptr<FrameMemory>> AravisCamera::Impl::take_memory(int frame_count,
                                                                      std::size_t payload_bytes) {
-  const auto block_count = static_cast<std::size_t>(frame_count + kSpareBuffers);
+  const auto block_count = static_cast<std::size_t>(frame_count) + kSpareBuffers;
   // Leases of an earlier acquisition may still read theirs.
   const bool is_usable = memory_ && memory_.use_count() == 1 &&
                          memory_->block_bytes() == payload_bytes &&
