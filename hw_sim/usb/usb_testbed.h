@@ -12,6 +12,7 @@
 
 #include "rig/fault.h"
 
+// NOLINTNEXTLINE(bugprone-reserved-identifier): the name that umockdev gave it
 struct _UMockdevTestbed;
 
 namespace hw_sim {
