@@ -43,7 +43,7 @@ Result<estimation::SessionEstimate> LiveEstimate::finish() {
   if (fault_) return tl::unexpected(*fault_);
   auto maps = estimator_->finish();
   if (!maps) return tl::unexpected(maps.error());
-  return estimation::SessionEstimate{std::move(*maps), estimator_->notes()};
+  return estimation::SessionEstimate{std::move(*maps), estimator_->notes(), estimator_->profiles()};
 }
 
 }  // namespace capture

@@ -6,7 +6,6 @@
 #include <string>
 #include <utility>
 
-#include "capture/profile_points.h"
 #include "estimation/base/image.h"
 #include "estimation/report/quicklook.h"
 #include "estimation/session/frame_io.h"
@@ -71,10 +70,8 @@ Result<std::vector<fs::path>> write_results(const estimation::SessionEstimate& e
   std::vector<estimation::QuicklookFrame> frames;
   for (const SampleFrame& sample : *samples)
     frames.push_back({sample.name, sample.title, sample.dn.view()});
-  const auto profiles = read_profile_points(session, manifest, estimate.maps);
-  if (!profiles) return tl::unexpected(profiles.error());
   return estimation::write_quicklook(report_folder, estimate.maps, manifest.camera, frames,
-                                     *profiles);
+                                     estimate.profiles);
 }
 
 }  // namespace capture

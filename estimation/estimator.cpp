@@ -15,6 +15,7 @@
 #include "estimation/geometry/surface.h"
 #include "estimation/models/scattering_model.h"
 #include "estimation/profile/fill_sites.h"
+#include "estimation/profile/profile_point.h"
 #include "estimation/profile/profile_table.h"
 #include "estimation/profile/scene_fit.h"
 #include "estimation/profile/stripe_set.h"
@@ -208,6 +209,7 @@ class Estimator::Implementation {
   }
 
   const std::vector<std::string>& notes() const { return notes_; }
+  const std::vector<ProfilePoint>& profiles() const { return profiles_; }
   tbb::task_arena& arena() { return arena_; }
 
  private:
@@ -227,6 +229,14 @@ class Estimator::Implementation {
   SceneGeometry scene_geometry(const Surface& surface, Axis axis, SceneImages& images) const;
   void fit_bands(const Surface& surface, std::span<const MergedNoise> noise, Maps& maps);
   void store_band(int band, const Image<float>& pitch_mm, BandFit fit, Maps& maps) const;
+  struct StripeScene {
+    const StripeSet& stripes;
+    std::span<const ImageView<const float>> signals;
+    const SceneGeometry& geometry;
+    const Image<float>& pitch_mm;
+    std::span<const MergedNoise> noise;
+  };
+  std::vector<ProfilePoint> profiles_of(const StripeScene& scene, const Maps& maps) const;
   std::vector<MergedNoise> noise_of(const std::optional<StripeSet>& stripes) const;
   BandRadiometry radiometry_of(int band, std::span<const MergedNoise> noise) const;
   const PatternRate* fully_lit() const;
@@ -242,6 +252,7 @@ class Estimator::Implementation {
   SignalStore::Signals signals_;
   Correspondence correspondence_;
   std::vector<std::string> notes_;
+  std::vector<ProfilePoint> profiles_;
 };
 
 Result<Maps> Estimator::Implementation::estimate() {
@@ -425,6 +436,32 @@ void Estimator::Implementation::fit_bands(const Surface& surface,
                fit_band(camera(), radiometry_of(band, noise), *stripes, signals.views, geometry,
                         transfer_, *model_, wide),
                maps);
+  profiles_ = profiles_of({*stripes, signals.views, geometry, pitch_mm, noise}, maps);
+}
+
+std::vector<ProfilePoint> Estimator::Implementation::profiles_of(const StripeScene& scene,
+                                                                 const Maps& maps) const {
+  std::vector<ProfilePoint> points = choose_profile_points(camera(), maps.validity);
+  for (ProfilePoint& point : points) {
+    point.period_px = scene.stripes.shape.period_px;
+    for (int band = 0; band < bands(); ++band) {
+      const auto b = static_cast<std::size_t>(band);
+      ProfileBand& profile = point.bands[b];
+      const auto at_site = [&profile](const Image<float>& map) {
+        return static_cast<double>(map.at(profile.row, profile.col));
+      };
+      const double translucency_mm = at_site(maps.translucency_mm[b]);
+      const SiteMaterial found{.row = profile.row,
+                               .col = profile.col,
+                               .diffuse_reflectance = at_site(maps.diffuse_reflectance[b]),
+                               .translucency_px = translucency_mm / at_site(scene.pitch_mm),
+                               .indirect = at_site(maps.indirect[b])};
+      profile = profile_of_site(camera(), radiometry_of(band, scene.noise), scene.stripes,
+                                scene.signals, scene.geometry, transfer_, *model_, found);
+      profile.translucency_mm = translucency_mm;
+    }
+  }
+  return points;
 }
 
 void Estimator::Implementation::store_band(int band, const Image<float>& pitch_mm, BandFit fit,
@@ -477,6 +514,8 @@ Result<Maps> Estimator::finish() { return implementation_->finish(); }
 
 const std::vector<std::string>& Estimator::notes() const { return implementation_->notes(); }
 
+const std::vector<ProfilePoint>& Estimator::profiles() const { return implementation_->profiles(); }
+
 namespace {
 
 // Frames `first` to `last` of the manifest, read in parallel; the first failure in their order.
@@ -521,7 +560,9 @@ Result<SessionEstimate> estimate_session(
   auto maps = (*estimator)->finish();
   if (!maps) return tl::unexpected(maps.error());
   if (on_progress) on_progress({.stage = "maps", .done = 1, .total = 1});
-  return SessionEstimate{.maps = std::move(*maps), .notes = (*estimator)->notes()};
+  return SessionEstimate{.maps = std::move(*maps),
+                         .notes = (*estimator)->notes(),
+                         .profiles = (*estimator)->profiles()};
 }
 
 }  // namespace estimation

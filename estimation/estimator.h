@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "estimation/base/image.h"
+#include "estimation/profile/profile_point.h"
 #include "estimation/session/error.h"
 #include "estimation/session/manifest.h"
 #include "estimation/session/maps.h"
@@ -54,6 +55,10 @@ class Estimator {
   // Which outputs could not be computed and why, one sentence each; complete after finish().
   const std::vector<std::string>& notes() const;
 
+  // The scattering profiles of up to four points (choose_profile_points) with the curves fitted to
+  // them; complete after finish(), empty without stripes or radiometry.
+  const std::vector<ProfilePoint>& profiles() const;
+
  private:
   class Implementation;
   explicit Estimator(std::unique_ptr<Implementation> implementation);
@@ -68,6 +73,7 @@ struct EstimateProgress {
 struct SessionEstimate {
   Maps maps;
   std::vector<std::string> notes;
+  std::vector<ProfilePoint> profiles;
 };
 
 // `ssrig estimate`: reads the manifest and every frame it names (in parallel, ahead of the merge)

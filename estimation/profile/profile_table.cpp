@@ -54,6 +54,13 @@ std::size_t fill_entry(const ScatteringModel& model, StripeShape shape, double r
 
 }  // namespace
 
+std::vector<float> profile_harmonics(const ScatteringModel& model, StripeShape shape,
+                                     double diffuse_reflectance, double translucency_px) {
+  std::vector<float> harmonics(harmonic_limit(shape));
+  harmonics.resize(fill_entry(model, shape, diffuse_reflectance, translucency_px, harmonics));
+  return harmonics;
+}
+
 ProfileTable::ProfileTable(const ScatteringModel& model, StripeShape shape, const TableRange& range)
     : shape_(shape),
       range_(range),

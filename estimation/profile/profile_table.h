@@ -22,6 +22,10 @@ struct TableRange {
   double greatest_translucency_px = 60;
 };
 
+// c_1, c_2, ... of one material, as many as an entry of the table has.
+std::vector<float> profile_harmonics(const ScatteringModel& model, StripeShape shape,
+                                     double diffuse_reflectance, double translucency_px);
+
 // Immutable once built, thread-safe.
 class ProfileTable {
  public:

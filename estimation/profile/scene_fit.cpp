@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <optional>
 #include <vector>
 
@@ -25,6 +26,7 @@ constexpr double kLeastContrastSd = 10;
 // A residual beyond this multiple of the noise, and this share of the mean, is not noise.
 constexpr double kPoorFitNoise = 4;
 constexpr double kPoorFitFrac = 0.03;
+constexpr int kCurvePointsPerPx = 4;
 
 struct Site {
   int row, col;
@@ -36,6 +38,12 @@ int channel_of(const CameraInfo& camera, int band) {
 
 bool is_site(const CameraInfo& camera, int band, int row, int col) {
   return band_at(camera, row, col, channel_of(camera, band)) == band;
+}
+
+// DN/us of a perfect reflector at the site.
+double full_signal_per_us(const BandRadiometry& radiometry, const SceneGeometry& geometry,
+                          Site site) {
+  return radiometry.signal_per_us * static_cast<double>(geometry.gain.at(site.row, site.col));
 }
 
 // One pixel at a time from the images' signals to its parameters. One per task.
@@ -82,8 +90,7 @@ class SiteFitter {
     if (!(mean > 0) || contrast < kLeastContrastSd * kLeastContrastSd * noise_variance_)
       return kTooDark;
     noise_frac_ = std::sqrt(noise_variance_) / mean;
-    const double full =
-        radiometry_.signal_per_us * static_cast<double>(geometry_.gain.at(site.row, site.col));
+    const double full = full_signal_per_us(radiometry_, geometry_, site);
     for (double& sample : samples_) sample /= full;
     if (!transfer_.is_perfect())
       transfer_.at(site.row, site.col, radiometry_.band,
@@ -159,6 +166,29 @@ BandFit empty_fit(const CameraInfo& camera, const SceneGeometry& geometry) {
   return fit;
 }
 
+// r(shift) over one period at projector position `position_px`: the material's share of the light
+// on the stripe, indirect light, and projector black. The profile's mean over all phases is one.
+std::vector<ProfileSample> material_curve(StripeShape shape, std::span<const float> harmonics,
+                                          std::span<const float> contrast, double position_px,
+                                          const SiteMaterial& found, double projector_black_frac) {
+  const double duty = static_cast<double>(shape.width_px) / shape.period_px;
+  const double black = projector_black_frac * (found.diffuse_reflectance + found.indirect);
+  std::vector<ProfileSample> curve;
+  for (int i = 0; i < shape.period_px * kCurvePointsPerPx; ++i) {
+    const double shift_px = static_cast<double>(i) / kCurvePointsPerPx;
+    const double phase_rad = 2 * std::numbers::pi *
+                             (position_px - shift_px - 0.5 * (shape.width_px - 1)) /
+                             shape.period_px;
+    double profile = 1;
+    for (std::size_t n = 1; n <= harmonics.size(); ++n)
+      profile += 2 * static_cast<double>(harmonics[n - 1] * contrast[n - 1]) *
+                 std::cos(static_cast<double>(n) * phase_rad);
+    curve.push_back(
+        {shift_px, duty * (found.diffuse_reflectance * profile + found.indirect) + black});
+  }
+  return curve;
+}
+
 }  // namespace
 
 BandFit fit_band(const CameraInfo& camera, const BandRadiometry& radiometry,
@@ -205,6 +235,36 @@ BandFit fit_band(const CameraInfo& camera, const BandRadiometry& radiometry,
   return fit;
 }
 
+ProfileBand profile_of_site(const CameraInfo& camera, const BandRadiometry& radiometry,
+                            const StripeSet& stripes,
+                            std::span<const ImageView<const float>> signals,
+                            const SceneGeometry& geometry, const HarmonicTransfer& transfer,
+                            const ScatteringModel& model, const SiteMaterial& found) {
+  const StripeShape shape = stripes.shape;
+  const double position_px = static_cast<double>(geometry.position_px.at(found.row, found.col));
+  const double peak_px = position_px - 0.5 * (shape.width_px - 1);
+  ProfileBand profile{.row = found.row,
+                      .col = found.col,
+                      .peak_px = peak_px - std::floor(peak_px / shape.period_px) * shape.period_px,
+                      .diffuse_reflectance = found.diffuse_reflectance};
+  const double full = full_signal_per_us(radiometry, geometry, {found.row, found.col});
+  const int channel = channel_of(camera, radiometry.band);
+  for (std::size_t i = 0; i < signals.size(); ++i)
+    profile.measured.push_back(
+        {static_cast<double>(stripes.shifts_px[i]),
+         static_cast<double>(signals[i].at(found.row, found.col, channel)) / full});
+  const std::vector<float> harmonics =
+      profile_harmonics(model, shape, found.diffuse_reflectance, found.translucency_px);
+  std::vector<float> contrast(harmonics.size(), 1.0F);
+  if (!transfer.is_perfect())
+    transfer.at(found.row, found.col, radiometry.band,
+                static_cast<double>(geometry.projector_distance_mm.at(found.row, found.col)),
+                shape.period_px, contrast);
+  profile.matched = material_curve(shape, harmonics, contrast, position_px, found,
+                                   radiometry.projector_black_frac);
+  return profile;
+}
+
 BandFit reflectance_of_band(const CameraInfo& camera, const BandRadiometry& radiometry,
                             ImageView<const float> fully_lit, const SceneGeometry& geometry) {
   BandFit fit = empty_fit(camera, geometry);
@@ -216,9 +276,8 @@ BandFit reflectance_of_band(const CameraInfo& camera, const BandRadiometry& radi
       if ((validity & kValidityErrors) != 0) continue;
       const double signal = static_cast<double>(fully_lit.at(row, col, channel));
       const double noise_sd = std::sqrt(variance_at(radiometry.noise, signal));
-      const double reflectance =
-          signal / (1 + radiometry.projector_black_frac) /
-          (radiometry.signal_per_us * static_cast<double>(geometry.gain.at(row, col)));
+      const double reflectance = signal / (1 + radiometry.projector_black_frac) /
+                                 full_signal_per_us(radiometry, geometry, {row, col});
       if (!std::isfinite(signal))
         validity |= kSaturated;
       else if (signal < kLeastContrastSd * noise_sd)

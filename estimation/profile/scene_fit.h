@@ -7,6 +7,7 @@
 #include "estimation/base/image.h"
 #include "estimation/models/scattering_model.h"
 #include "estimation/profile/fill_sites.h"
+#include "estimation/profile/profile_point.h"
 #include "estimation/profile/profile_table.h"
 #include "estimation/profile/stripe_set.h"
 #include "estimation/profile/stripe_transfer.h"
@@ -40,6 +41,20 @@ BandFit fit_band(const CameraInfo& camera, const BandRadiometry& radiometry,
                  const StripeSet& stripes, std::span<const ImageView<const float>> signals,
                  const SceneGeometry& geometry, const HarmonicTransfer& transfer,
                  const ScatteringModel& model, const ProfileTable& wide);
+
+// What fit_band found at a site.
+struct SiteMaterial {
+  int row = 0, col = 0;
+  double diffuse_reflectance = 0, translucency_px = 0, indirect = 0;
+};
+
+// The profile of a site: its samples as the fit saw them, and the curve of what it found there,
+// four points a projector pixel. l_d in mm is left to the caller, who knows the pitch.
+ProfileBand profile_of_site(const CameraInfo& camera, const BandRadiometry& radiometry,
+                            const StripeSet& stripes,
+                            std::span<const ImageView<const float>> signals,
+                            const SceneGeometry& geometry, const HarmonicTransfer& transfer,
+                            const ScatteringModel& model, const SiteMaterial& found);
 
 // R_d alone from the fully lit image, indirect light included (which a warning says): all there is
 // without stripes.

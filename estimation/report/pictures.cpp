@@ -23,6 +23,10 @@ const std::array<std::string, 3> kBandNames{"red", "green", "blue"};
 // Readable on white, in the canvas' order.
 const std::array<Color, 3> kBandColors{Color{45, 45, 205}, Color{60, 150, 40}, Color{200, 95, 30}};
 
+Color band_color(int band, int band_count) {
+  return band_count == 1 ? kInk : kBandColors[static_cast<std::size_t>(band)];
+}
+
 std::vector<ImageView<const float>> views_of(const BandMaps& bands, int band_count) {
   std::vector<ImageView<const float>> views;
   for (int band = 0; band < band_count; ++band) {
@@ -159,8 +163,8 @@ Canvas draw_legend(const std::vector<LegendEntry>& entries, int least_height_px)
   int y = 0;
   for (const LegendEntry& entry : entries) {
     const cv::Rect box(0, y + 3, kBox, kBox);
-    canvas(box).setTo(cv::Scalar(entry.color[0], entry.color[1], entry.color[2]));
-    cv::rectangle(canvas, box, cv::Scalar(kFaintInk[0], kFaintInk[1], kFaintInk[2]));
+    canvas(box).setTo(scalar(entry.color));
+    cv::rectangle(canvas, box, scalar(kFaintInk));
     draw_text(canvas, entry.text, {kBox + 8, y + 15}, kTextScale, kInk);
     draw_text(canvas, entry.share, {canvas.cols - 2, y + 15}, kTextScale, kFaintInk, Align::kRight);
     y += kLine;
@@ -170,14 +174,12 @@ Canvas draw_legend(const std::vector<LegendEntry>& entries, int least_height_px)
 
 // --- profiles -----------------------------------------------------------------------------------
 
-// Shifts relative to the peak, in -period/2 .. period/2, by rising shift.
-std::vector<cv::Point2d> centred(const ProfilePoint& point, const std::vector<double>& values) {
+// Each band about the peak of its own site, in -period/2 .. period/2, by rising shift.
+std::vector<cv::Point2d> centred(const std::vector<ProfileSample>& samples, double peak_px,
+                                 double period_px) {
   std::vector<cv::Point2d> points;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    if (std::isnan(values[i])) continue;
-    points.push_back(
-        {std::remainder(point.shift_px[i] - point.peak_px, point.period_px), values[i]});
-  }
+  for (const ProfileSample& sample : samples)
+    points.push_back({std::remainder(sample.shift_px - peak_px, period_px), sample.reflectance});
   std::sort(points.begin(), points.end(),
             [](const cv::Point2d& a, const cv::Point2d& b) { return a.x < b.x; });
   return points;
@@ -185,16 +187,19 @@ std::vector<cv::Point2d> centred(const ProfilePoint& point, const std::vector<do
 
 double largest_value(std::span<const ProfilePoint> points) {
   double largest = 0;
-  for (const ProfilePoint& point : points) {
-    for (const auto* curves : {&point.measured, &point.matched}) {
-      for (const std::vector<double>& values : *curves) {
-        for (const double value : values) {
-          if (value > largest) largest = value;
-        }
-      }
-    }
-  }
+  for (const ProfilePoint& point : points)
+    for (const ProfileBand& band : point.bands)
+      for (const auto* samples : {&band.measured, &band.matched})
+        for (const ProfileSample& sample : *samples)
+          largest = std::max(largest, sample.reflectance);
   return largest > 0 ? largest : 1;
+}
+
+std::string material_text(const ProfileBand& band) {
+  std::array<char, 64> text{};
+  std::snprintf(text.data(), text.size(), "R_d %.3f   l_d %.2f mm", band.diffuse_reflectance,
+                band.translucency_mm);
+  return text.data();
 }
 
 void draw_profile(const ProfilePoint& point, int band_count, double largest, cv::Rect place,
@@ -203,18 +208,33 @@ void draw_profile(const ProfilePoint& point, int band_count, double largest, cv:
   const double half = point.period_px / 2;
   const Axes axes(area, {-half, half}, {0, 1.06 * largest});
   axes.draw(canvas, "stripe shift from the peak [projector px]", "reflectance factor");
-  for (int band = 0; band < band_count; ++band) {
-    const auto b = static_cast<std::size_t>(band);
-    const Color color = band_count == 1 ? kInk : kBandColors[b];
-    axes.line(canvas, centred(point, point.matched[b]), color);
-    axes.dots(canvas, centred(point, point.measured[b]), color);
+  // All lines first: no band's dots are hidden below another's line.
+  for (const bool is_line : {true, false})
+    for (int b = 0; b < band_count; ++b) {
+      const ProfileBand& band = point.bands[static_cast<std::size_t>(b)];
+      const Color color = band_color(b, band_count);
+      if (is_line)
+        axes.line(canvas, centred(band.matched, band.peak_px, point.period_px), color);
+      else
+        axes.dots(canvas, centred(band.measured, band.peak_px, point.period_px), color);
+    }
+  for (int b = 0; b < band_count; ++b) {
+    const ProfileBand& band = point.bands[static_cast<std::size_t>(b)];
+    if (band.matched.empty()) continue;
+    draw_text(canvas, material_text(band), {area.br().x - 10, area.y + 22 + 20 * b}, 0.42,
+              band_color(b, band_count), Align::kRight);
   }
-  std::string title = "row " + std::to_string(point.row) + ", column " + std::to_string(point.col);
-  if (!point.label.empty()) title = point.label + ": " + title;
-  draw_text(canvas, title, {area.x, place.y + 24}, 0.52, kInk);
+  draw_text(canvas, "row " + std::to_string(point.row) + ", column " + std::to_string(point.col),
+            {area.x, place.y + 24}, 0.52, kInk);
 }
 
-void draw_profile_legend(int band_count, cv::Point right_end, Canvas& canvas) {
+bool has_curve(const ProfilePoint& point) {
+  return std::any_of(point.bands.begin(), point.bands.end(),
+                     [](const ProfileBand& band) { return !band.matched.empty(); });
+}
+
+void draw_profile_legend(std::span<const ProfilePoint> points, int band_count, cv::Point right_end,
+                         Canvas& canvas) {
   int x = right_end.x;
   const auto entry = [&](const std::string& text, const auto& symbol) {
     x -= text_width_px(text, kTextScale);
@@ -223,21 +243,18 @@ void draw_profile_legend(int band_count, cv::Point right_end, Canvas& canvas) {
     symbol(cv::Point(x, right_end.y - 5));
     x -= 14;
   };
-  const auto line = [&](Color color) {
-    return [&canvas, color](cv::Point at) {
-      cv::line(canvas, at, at + cv::Point(20, 0), cv::Scalar(color[0], color[1], color[2]), 2,
-               cv::LINE_AA);
-    };
-  };
-  entry("matched", line(kInk));
+  if (std::any_of(points.begin(), points.end(), has_curve))
+    entry("matched", [&](cv::Point at) {
+      cv::line(canvas, at, at + cv::Point(20, 0), scalar(kInk), 2, cv::LINE_AA);
+    });
   entry("measured", [&](cv::Point at) {
-    cv::circle(canvas, at + cv::Point(13, 0), 3, cv::Scalar(kInk[0], kInk[1], kInk[2]), cv::FILLED,
-               cv::LINE_AA);
+    cv::circle(canvas, at + cv::Point(13, 0), 3, scalar(kInk), cv::FILLED, cv::LINE_AA);
   });
-  for (int band = band_count - 1; band >= 0 && band_count > 1; --band) {
-    const auto b = static_cast<std::size_t>(band);
-    entry(kBandNames[b], line(kBandColors[b]));
-  }
+  for (int band = band_count - 1; band >= 0 && band_count > 1; --band)
+    entry(kBandNames[static_cast<std::size_t>(band)], [&](cv::Point at) {
+      cv::rectangle(canvas, cv::Rect(at + cv::Point(6, -6), cv::Size(13, 13)),
+                    scalar(band_color(band, band_count)), cv::FILLED);
+    });
 }
 
 // --- frames -------------------------------------------------------------------------------------
@@ -335,7 +352,7 @@ Canvas draw_profiles(std::span<const ProfilePoint> points, int band_count) {
   const int rows = shown.size() > 2 ? 2 : 1;
   Canvas canvas(kTitleHeight + rows * kHeight + 4, columns * kWidth + kMargin, kWhite);
   draw_text(canvas, "scattering profiles", {kMargin, 31}, kTitleScale, kInk);
-  draw_profile_legend(band_count, {canvas.cols - kMargin, 30}, canvas);
+  draw_profile_legend(shown, band_count, {canvas.cols - kMargin, 30}, canvas);
   const double largest = largest_value(shown);
   for (std::size_t i = 0; i < shown.size(); ++i) {
     const int column = static_cast<int>(i) % 2, row = static_cast<int>(i) / 2;

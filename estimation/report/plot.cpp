@@ -12,8 +12,6 @@ namespace {
 constexpr int kFont = cv::FONT_HERSHEY_SIMPLEX;
 constexpr int kSubPixelBits = 4;  // of OpenCV's anti-aliased drawing
 
-cv::Scalar scalar(Color color) { return {double(color[0]), double(color[1]), double(color[2])}; }
-
 // Strokes grow with the letters, or large text looks thin and small text blots.
 int stroke_px(double scale) { return scale >= 0.8 ? 2 : 1; }
 

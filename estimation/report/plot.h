@@ -19,6 +19,10 @@ inline const Color kFaintInk{120, 120, 120};
 inline const Color kGrid{225, 225, 225};
 inline const Color kMissing{190, 190, 190};  // no estimate
 
+inline cv::Scalar scalar(Color color) {
+  return {double(color[0]), double(color[1]), double(color[2])};
+}
+
 enum class Align { kLeft, kCentre, kRight };
 
 // Text with its baseline at `at`. Height of a capital letter about 21 px times `scale`.

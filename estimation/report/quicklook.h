@@ -2,7 +2,6 @@
 // frames, and the profiles of some points as in the paper's Figure 2.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <span>
@@ -10,6 +9,7 @@
 #include <vector>
 
 #include "estimation/base/image.h"
+#include "estimation/profile/profile_point.h"
 #include "estimation/session/error.h"
 #include "estimation/session/manifest.h"
 #include "estimation/session/maps.h"
@@ -21,17 +21,6 @@ struct QuicklookFrame {
   std::string name;   // of the file, without ending: "frame_stripes"
   std::string title;  // "stripes column 40/8 shift 0, 16.7 ms"
   ImageView<const std::uint16_t> dn;
-};
-
-// The scattering profile of one pixel under shifting stripes.
-struct ProfilePoint {
-  int row = 0, col = 0;
-  std::string label;                            // "cheek"; may be empty
-  double period_px = 40;                        // projector px
-  double peak_px = 0;                           // the shift at which the profile peaks
-  std::vector<double> shift_px;                 // of the samples, any order
-  std::array<std::vector<double>, 3> measured;  // [band][shift]; NaN: lost; mono: the first band
-  std::array<std::vector<double>, 3> matched;   // the model's curve at the same shifts, or empty
 };
 
 // Writes PNG files into `folder` (made if absent), whole or not at all; what `maps` does not hold

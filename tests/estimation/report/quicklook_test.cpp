@@ -73,32 +73,31 @@ Maps face_maps(int height, int width, int band_count) {
   return maps;
 }
 
+// Bayer sites see the stripes a little apart: each band peaks elsewhere.
 ProfilePoint profile_point(int row, int col, double width_px, double peak_px) {
-  ProfilePoint point;
-  point.row = row;
-  point.col = col;
-  point.peak_px = peak_px;
-  for (int shift = 0; shift < 40; ++shift) {
-    point.shift_px.push_back(shift);
-    for (std::size_t band = 0; band < 3; ++band) {
-      const double width = width_px / (1 + 0.3 * static_cast<double>(band));
-      const double x = std::remainder(shift - peak_px, 40) / width;
-      const double value =
-          (0.24 - 0.05 * static_cast<double>(band)) * std::exp(-std::abs(x)) + 0.01;
-      point.matched[band].push_back(value);
-      point.measured[band].push_back(value * (1 + 0.04 * std::sin(5.0 * shift)));
+  ProfilePoint point{.row = row, .col = col};
+  for (std::size_t b = 0; b < 3; ++b) {
+    ProfileBand& band = point.bands[b];
+    band.peak_px = peak_px + static_cast<double>(b);
+    band.diffuse_reflectance = 0.5 - 0.1 * static_cast<double>(b);
+    band.translucency_mm = 0.4 * width_px / (1 + 0.3 * static_cast<double>(b));
+    const auto value_at = [&](double shift_px) {
+      const double x = std::remainder(shift_px - band.peak_px, 40) * 0.4 / band.translucency_mm;
+      return 0.5 * band.diffuse_reflectance * std::exp(-std::abs(x)) + 0.01;
+    };
+    for (int shift = 0; shift < 40; ++shift) {
+      band.measured.push_back(
+          {static_cast<double>(shift), value_at(shift) * (1 + 0.04 * std::sin(5.0 * shift))});
+      for (const double part : {0.0, 0.5})
+        band.matched.push_back({shift + part, value_at(shift + part)});
     }
   }
-  point.measured[1][3] = std::numeric_limits<double>::quiet_NaN();
   return point;
 }
 
 std::vector<ProfilePoint> four_points() {
-  std::vector<ProfilePoint> points{profile_point(120, 290, 5, 3.2), profile_point(210, 180, 6, 17),
-                                   profile_point(300, 300, 7, 39.6),
-                                   profile_point(350, 310, 3, 25.1)};
-  points[0].label = "forehead";
-  return points;
+  return {profile_point(120, 290, 5, 3.2), profile_point(210, 180, 6, 17),
+          profile_point(300, 300, 7, 39.6), profile_point(350, 310, 3, 25.1)};
 }
 
 CameraInfo bayer_camera(int height, int width) {
