@@ -195,19 +195,28 @@ double largest_value(std::span<const ProfilePoint> points) {
   return largest > 0 ? largest : 1;
 }
 
-std::string material_text(const ProfileBand& band) {
+// What the matched curve stands for; nothing if there is none.
+void draw_material(const ProfileBand& band, Color color, cv::Point right_end, Canvas& canvas) {
+  constexpr double kScale = 0.42;
+  if (band.matched.empty()) return;
   std::array<char, 64> text{};
   std::snprintf(text.data(), text.size(), "R_d %.3f   l_d %.2f mm", band.diffuse_reflectance,
                 band.translucency_mm);
-  return text.data();
+  const int width = text_width_px(text.data(), kScale);
+  canvas(cv::Rect(right_end.x - width - 4, right_end.y - 13, width + 8, 19)).setTo(scalar(kWhite));
+  draw_text(canvas, text.data(), right_end, kScale, color, Align::kRight);
 }
 
 void draw_profile(const ProfilePoint& point, int band_count, double largest, cv::Rect place,
                   Canvas& canvas) {
   const cv::Rect area(place.x + 76, place.y + 34, place.width - 92, place.height - 86);
   const double half = point.period_px / 2;
-  const Axes axes(area, {-half, half}, {0, 1.06 * largest});
+  // A little room below zero: the noise of dark samples goes there.
+  const Axes axes(area, {-half, half}, {-0.04 * largest, 1.08 * largest});
   axes.draw(canvas, "stripe shift from the peak [projector px]", "reflectance factor");
+  for (int b = 0; b < band_count; ++b)
+    draw_material(point.bands[static_cast<std::size_t>(b)], band_color(b, band_count),
+                  {area.br().x - 10, area.y + 22 + 20 * b}, canvas);
   // All lines first: no band's dots are hidden below another's line.
   for (const bool is_line : {true, false})
     for (int b = 0; b < band_count; ++b) {
@@ -218,12 +227,6 @@ void draw_profile(const ProfilePoint& point, int band_count, double largest, cv:
       else
         axes.dots(canvas, centred(band.measured, band.peak_px, point.period_px), color);
     }
-  for (int b = 0; b < band_count; ++b) {
-    const ProfileBand& band = point.bands[static_cast<std::size_t>(b)];
-    if (band.matched.empty()) continue;
-    draw_text(canvas, material_text(band), {area.br().x - 10, area.y + 22 + 20 * b}, 0.42,
-              band_color(b, band_count), Align::kRight);
-  }
   draw_text(canvas, "row " + std::to_string(point.row) + ", column " + std::to_string(point.col),
             {area.x, place.y + 24}, 0.52, kInk);
 }

@@ -236,10 +236,15 @@ void Axes::line(Canvas& canvas, const std::vector<cv::Point2d>& points, Color co
 }
 
 void Axes::dots(Canvas& canvas, const std::vector<cv::Point2d>& points, Color color) const {
-  constexpr double kRadius = 2.8;
+  // A white rim sets a dot off from the line it lies on.
+  constexpr double kRimRadius = 3.7, kRadius = 3.1;
+  const auto disc = [&](cv::Point2d point, double radius_px, Color fill) {
+    cv::circle(canvas, sub_pixel(to_px(point)), static_cast<int>(radius_px * (1 << kSubPixelBits)),
+               scalar(fill), cv::FILLED, cv::LINE_AA, kSubPixelBits);
+  };
   for (const cv::Point2d& point : points) {
-    cv::circle(canvas, sub_pixel(to_px(point)), static_cast<int>(kRadius * (1 << kSubPixelBits)),
-               scalar(color), cv::FILLED, cv::LINE_AA, kSubPixelBits);
+    disc(point, kRimRadius, kWhite);
+    disc(point, kRadius, color);
   }
 }
 
