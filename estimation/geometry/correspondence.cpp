@@ -189,8 +189,28 @@ bool lacks_partner(const AxisPlan& plan) {
   });
 }
 
+// Half way between the least and the most that the bits without their inverse show: nearly every
+// place is dark under some and lit under others.
+void read_middle_of_bits(const PatternPlan& plan, int row, Row& midpoint) {
+  const std::size_t width = midpoint.size();
+  Row least(width, kInfinity), most(width, -kInfinity);
+  for (const AxisPlan* axis : {&plan.column, &plan.row}) {
+    for (const BitSource& source : axis->bits) {
+      const auto samples = (source.plain.empty() ? source.inverse : source.plain).row(row);
+      for (std::size_t col = 0; col < width; ++col) {
+        least[col] = std::min(least[col], samples[col]);  // in this order NaN is passed over
+        most[col] = std::max(most[col], samples[col]);
+      }
+    }
+  }
+  for (std::size_t col = 0; col < width; ++col) {
+    const bool is_seen = least[col] <= most[col];
+    midpoint[col] = is_seen ? (least[col] + most[col]) / 2 : kNaN;
+  }
+}
+
 // Half way between lit and dark, for bits without their inverse: from the pairs there are, else
-// white and black, else the stripes' mean.
+// white and black, else the stripes' mean, else the bits themselves.
 void read_midpoint(const PatternPlan& plan, int row, const Workspace& work, Row& midpoint) {
   const std::size_t width = midpoint.size();
   std::fill(midpoint.begin(), midpoint.end(), 0.0F);
@@ -225,7 +245,7 @@ void read_midpoint(const PatternPlan& plan, int row, const Workspace& work, Row&
     }
     return;
   }
-  std::fill(midpoint.begin(), midpoint.end(), kNaN);
+  read_middle_of_bits(plan, row, midpoint);
 }
 
 void read_bit(const BitSource& source, int row, std::span<const NoiseRange> noise,

@@ -58,6 +58,8 @@ void add_bit(const GrayCode& code, View signal, std::vector<BitSource>& bits) {
   (code.inverted ? place->inverse : place->plain) = signal;
 }
 
+constexpr double kLargestPeriodFrac = 4;  // of the projector's size
+
 // Period and width (0: fringes), by falling period.
 using FamilyKey = std::pair<double, int>;
 struct Samples {
@@ -74,17 +76,34 @@ std::string name_of(const PhaseFamily& family) {
          std::string(family.width_px > 0 ? "stripes" : "fringes") + " of period " + period + " px";
 }
 
+// Why no phase can come of a family, whatever its shifts; empty if one can.
+std::string objection_to(const PhaseFamily& family, int size_px) {
+  // Two px are the finest pattern there is, and lit px by px it has no sign of direction.
+  if (!(family.period_px > 2)) return "are finer than a projector can show";
+  if (family.width_px >= family.period_px) return "are lit everywhere";
+  // Hardly any of its slope is on the projector; it would only cost memory.
+  if (family.period_px > kLargestPeriodFrac * size_px) return "are flat on this projector";
+  return {};
+}
+
 void add_families(Axis axis, const FamilyMap& samples, const CorrespondenceOptions& options,
                   AxisPlan& plan, std::vector<std::string>& notes) {
   std::vector<int> bits;
   for (const BitSource& source : plan.bits) bits.push_back(source.bit);
   for (const auto& [key, group] : samples) {
     const PhaseFamily family{axis, key.first, key.second, group.shift_px};
+    if (const std::string objection = objection_to(family, plan.size_px); !objection.empty()) {
+      notes.push_back("the " + name_of(family) + " " + objection + ": not used");
+      continue;
+    }
     const std::vector<char> all(group.shift_px.size(), 1);
     auto weights = make_demodulation(family, all, options.least_blur_px);
     if (!weights) {
-      notes.push_back("the " + std::to_string(group.shift_px.size()) + " shifts of the " +
-                      name_of(family) + " do not determine a phase: not used");
+      const std::size_t count = group.shift_px.size();
+      notes.push_back((count == 1 ? "one shift" : std::to_string(count) + " shifts") + " of the " +
+                      name_of(family) +
+                      (count == 1 ? " does not determine a phase: not used"
+                                  : " do not determine a phase: not used"));
       continue;
     }
     const double amplitude_frac =

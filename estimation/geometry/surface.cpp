@@ -17,6 +17,9 @@ namespace estimation {
 namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+// Of the normals, by one pixel's noise, radians. Phases on skin stay below it by themselves; whole
+// columns of Gray code alone err together, so that their normals still err a few degrees.
+constexpr double kMaxTiltNoise = 0.02;
 constexpr int kMaxRadiusPx = 40;  // a window wider than this is not local on any camera of ours
 
 template <typename Body>
@@ -46,6 +49,18 @@ ProjectorReading reading_at(const Correspondence& correspondence, int row, int c
   return reading;
 }
 
+// A coarse reading, as of Gray code without its low bits, may disagree by its own coarseness.
+double max_epipolar_px(const SurfaceOptions& options, const ProjectorReading& reading) {
+  const auto coarseness_px = [](double sd_px) { return std::isfinite(sd_px) ? sd_px : 0; };
+  return options.max_epipolar_px +
+         2 * std::hypot(coarseness_px(reading.column_sd_px), coarseness_px(reading.row_sd_px));
+}
+
+double max_depth_sd_mm(const SurfaceOptions& options, const Stereo::Ray& ray, double depth_mm) {
+  return std::max(options.max_position_sd_mm / cv::norm(ray.direction),
+                  options.max_position_sd_frac * depth_mm);
+}
+
 RawDepth triangulate_image(const Stereo& stereo, const Correspondence& correspondence,
                            const SurfaceOptions& options, Image<std::uint32_t>& validity) {
   const int height = validity.height_px(), width = validity.width_px();
@@ -55,9 +70,10 @@ RawDepth triangulate_image(const Stereo& stereo, const Correspondence& correspon
       if (validity.at(row, col) & kValidityErrors) continue;
       const auto ray = stereo.ray(row, col);
       std::optional<Stereo::Depth> depth;
-      if (ray) depth = stereo.triangulate(*ray, reading_at(correspondence, row, col));
-      if (!depth || depth->epipolar_px > options.max_epipolar_px ||
-          !(depth->sd_mm * cv::norm(ray->direction) <= options.max_position_sd_mm)) {
+      const ProjectorReading reading = reading_at(correspondence, row, col);
+      if (ray) depth = stereo.triangulate(*ray, reading);
+      if (!depth || depth->epipolar_px > max_epipolar_px(options, reading) ||
+          depth->sd_mm > max_depth_sd_mm(options, *ray, depth->depth_mm)) {
         validity.at(row, col) |= kNoCorrespondence;
         continue;
       }
@@ -68,24 +84,34 @@ RawDepth triangulate_image(const Stereo& stereo, const Correspondence& correspon
   return raw;
 }
 
-// Camera px per mm on a surface that faces the camera, at the median depth.
-double camera_px_per_mm(const RawDepth& raw, double focal_px) {
+// Of the values that are there; 0 if none is.
+double median_of(const Image<float>& image) {
   std::vector<float> values;
-  for (const float value : raw.inverse_per_mm.samples()) {
+  for (const float value : image.samples()) {
     if (!std::isnan(value)) values.push_back(value);
   }
   if (values.empty()) return 0;
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
-  return double{*middle} * focal_px;
+  return double{*middle};
 }
 
-FitOptions fit_options(const SurfaceOptions& options, double px_per_mm, double focal_px) {
-  const auto radius_px = [&](double radius_mm) {
-    return std::clamp(static_cast<int>(std::lround(radius_mm * px_per_mm)), 1, kMaxRadiusPx);
+// The window whose normals are quiet enough: a least-squares slope under the window's Gaussian has
+// 0.8 / radius^2 of one pixel's noise.
+double quiet_radius_px(const RawDepth& raw, double focal_px) {
+  constexpr double kSlopeGain = 0.8;
+  return std::sqrt(kSlopeGain * median_of(raw.relative_sd) * focal_px / kMaxTiltNoise);
+}
+
+FitOptions fit_options(const SurfaceOptions& options, const RawDepth& raw, double focal_px) {
+  // On a surface that faces the camera, at the median depth.
+  const double px_per_mm = median_of(raw.inverse_per_mm) * focal_px;
+  const auto rounded = [](double radius_px) {
+    return static_cast<int>(std::lround(std::clamp(radius_px, 1.0, double{kMaxRadiusPx})));
   };
-  return {radius_px(options.smoothing_radius_mm), options.max_slope / focal_px,
-          radius_px(options.near_discontinuity_mm)};
+  const double smoothing_px = options.smoothing_radius_mm * px_per_mm;
+  return {rounded(smoothing_px > 0 ? std::max(smoothing_px, quiet_radius_px(raw, focal_px)) : 0),
+          options.max_slope / focal_px, rounded(options.near_discontinuity_mm * px_per_mm)};
 }
 
 // Towards the camera. On a plane n . X = d inverse depth is n . (x, y, 1) / d, so its derivatives
@@ -190,9 +216,8 @@ Surface reconstruct_surface(const Calibration& calibration, const CameraInfo& ca
   const Stereo stereo(calibration, camera);
   Surface out = empty_surface(correspondence.validity);
   const RawDepth raw = triangulate_image(stereo, correspondence, options, out.validity);
-  const double px_per_mm = camera_px_per_mm(raw, stereo.camera_focal_px());
   const LocalFit fit = fit_locally({raw.inverse_per_mm.view(), raw.relative_sd.view()},
-                                   fit_options(options, px_per_mm, stereo.camera_focal_px()));
+                                   fit_options(options, raw, stereo.camera_focal_px()));
   for_rows(camera.height_px, [&](int row) {
     for (int col = 0; col < camera.width_px; ++col) {
       finish_pixel(stereo, raw, fit, options, row, col, out);

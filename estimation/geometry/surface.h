@@ -15,9 +15,13 @@ struct SurfaceOptions {
   // Radius of the local quadric fit on the surface, mm; 0 leaves positions as triangulated and fits
   // normals in the 3 x 3 neighbourhood. 1.6 mm on a simulated face at 0.53 mm a pixel: normals to
   // 0.27 degrees in the median, 2.9 at the 90th percentile; 0.8 mm 0.83 and 3.0, 2 mm 0.25 and 3.2.
+  // Wider where that would leave the normals noisy: Gray code alone, a coarse camera.
   double smoothing_radius_mm = 1.6;
-  double max_epipolar_px = 3;       // columns and rows disagree by more: no correspondence
-  double max_position_sd_mm = 5;    // of one pixel before smoothing; more: no correspondence
+  double max_epipolar_px = 3;  // columns and rows disagree by more: no correspondence
+  // Of one pixel before smoothing; more than both: no correspondence. The share of depth is for
+  // rigs that look across a room.
+  double max_position_sd_mm = 5;
+  double max_position_sd_frac = 0.01;
   double max_slope = 4;             // depth per sideways mm, steeper between neighbours is a jump
   double min_cos_projector = 0.17;  // about 80 degrees
   double min_cos_camera = 0.17;

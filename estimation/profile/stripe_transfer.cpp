@@ -17,8 +17,11 @@ const std::vector<double>& curve_of(const TransferByBand& transfer, int band) {
 double contrast_at(std::span<const double> curve, double cycles) {
   if (curve.empty()) return 1;
   const double last = static_cast<double>(curve.size());
-  if (cycles >= last)
-    return curve.back() > 0 ? std::pow(curve.back(), (cycles / last) * (cycles / last)) : 0;
+  if (cycles >= last) {
+    // As a Gaussian would go on; noise may have put the last value above 1, which must not grow.
+    const double end = std::min(curve.back(), 1.0);
+    return end > 0 ? std::pow(end, (cycles / last) * (cycles / last)) : 0;
+  }
   const auto below = static_cast<std::size_t>(cycles);
   const double low = below == 0 ? 1 : curve[below - 1];
   return std::lerp(low, curve[below], cycles - static_cast<double>(below));

@@ -128,6 +128,10 @@ SignalStore::Signals SignalStore::take() {
   if (unseen > 0)
     signals.notes.push_back(std::to_string(unseen) + " of " + std::to_string(slots_.size()) +
                             " patterns have no frame");
+  // Pictures may be captured along; nothing is estimated from them.
+  std::erase_if(signals.patterns, [](const PatternRate& pattern) {
+    return std::holds_alternative<ImageFile>(pattern.pattern->kind);
+  });
   const Image<float> black = mean_black(signals.patterns);
   if (black.empty()) return signals;
   signals.is_black_subtracted = true;

@@ -246,6 +246,49 @@ TEST(Correspondence, MissingInversesAreReadAgainstTheOtherPairsOrWhite) {
   }
 }
 
+TEST(Correspondence, BitsWithoutInversesOrAnythingElseAreReadAgainstEachOther) {
+  SyntheticScene scene = slanted_scene();
+  scene.blur_px = 0.6;
+  CorrespondenceOptions options;
+  add_noise(scene, options);
+  std::vector<PatternKind> kinds;
+  add_gray(kinds, Axis::kColumn, 9, 0, false);
+  add_gray(kinds, Axis::kRow, 9, 0, false);
+  const SyntheticFrames frames(scene, kinds);
+  const auto found = decode_correspondence(frames.signals(), kProjector, options);
+  const Errors columns = errors_of(found.column_px, found.column_sd_px, scene.column_px);
+  EXPECT_GT(valid_frac(columns, scene), 0.98);
+  EXPECT_LT(columns.rms_px, 0.4);
+  EXPECT_EQ(columns.outlier_count, 0);
+  // Noise alone is no code.
+  scene.white = 0;
+  const SyntheticFrames nothing(scene, kinds);
+  const auto dark = decode_correspondence(nothing.signals(), kProjector, options);
+  EXPECT_EQ(errors_of(dark.column_px, dark.column_sd_px, scene.column_px).valid_count, 0);
+}
+
+// Held-back sessions may hold them: the first sent noise through the decoder as if it were a phase,
+// the second asked for 60 GB.
+TEST(Correspondence, StripesAndFringesThatCanHaveNoPhaseAreNamedAndLeftOut) {
+  SyntheticScene scene = slanted_scene();
+  CorrespondenceOptions options;
+  add_noise(scene, options);
+  std::vector<PatternKind> kinds = paper_kinds();
+  for (int shift_px = 0; shift_px < 20; shift_px += 5)
+    kinds.push_back(Stripes{Axis::kColumn, 20, 20, shift_px});
+  for (const double period_px : {1e9, 0.01})
+    for (int i = 0; i < 4; ++i)
+      kinds.push_back(Fringe{Axis::kColumn, period_px, period_px * i / 4});
+  const SyntheticFrames frames(scene, kinds);
+  const auto found = decode_correspondence(frames.signals(), kProjector, options);
+  const Errors columns = errors_of(found.column_px, found.column_sd_px, scene.column_px);
+  EXPECT_GT(valid_frac(columns, scene), 0.999);
+  EXPECT_EQ(columns.outlier_count, 0);
+  EXPECT_THAT(found.notes, ::testing::UnorderedElementsAre(HasSubstr("lit everywhere"),
+                                                           HasSubstr("flat on this projector"),
+                                                           HasSubstr("finer than a projector")));
+}
+
 TEST(Correspondence, GrayCodeAloneGivesWholeColumns) {
   const SyntheticScene scene = [] {
     SyntheticScene s = slanted_scene();

@@ -257,6 +257,19 @@ TEST(Surface, SingleLostPixelsDoNotDisturbTheirNeighbours) {
   EXPECT_LT(quantile(errors.position_mm, 0.99), 0.05);
 }
 
+// A Gray-code scanner in a room: whole columns, metres away, 4 mm a pixel.
+TEST(Surface, CoarseReadingsFarAwayGiveASurfaceWithSmoothNormals) {
+  const SyntheticRig rig = make_rig(300, 220, false);
+  Truth truth = look_at(rig, plane({0, 0, 4000}, {0.1, 0.2, -1}), 0, true);
+  for (Image<float>* position : {&truth.correspondence.column_px, &truth.correspondence.row_px})
+    for (float& value : position->samples()) value = std::round(value);
+  for (Image<float>* sd : {&truth.correspondence.column_sd_px, &truth.correspondence.row_sd_px})
+    for (float& value : sd->samples()) value = 0.29F;
+  const Errors errors = errors_of(reconstruct(rig, truth, {}), truth, false);
+  EXPECT_EQ(errors.normal_rad.size(), truth.normal.size());
+  EXPECT_LT(quantile(errors.normal_rad, 0.5) / kDegree, 6);
+}
+
 TEST(Surface, DisagreeingAxesAreNoCorrespondence) {
   const SyntheticRig rig = make_rig(147, 108, false);
   Truth truth = look_at(rig, plane({0, 0, 1000}, {0, 0, -1}), 0.02, true);

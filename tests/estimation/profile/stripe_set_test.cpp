@@ -83,6 +83,14 @@ TEST(HarmonicTransfer, InterpolatesBetweenHarmonicsAndContinuesAsAGaussian) {
   EXPECT_FLOAT_EQ(double_period[2], 0.65F);
 }
 
+TEST(HarmonicTransfer, NoiseAboveOneAtTheEndDoesNotGrow) {
+  TransferByBand by_band;
+  by_band.harmonics[0] = {0.99, 1.02};
+  const auto transfer = HarmonicTransfer::create(by_band, {}, camera(ColorFilter::kMono));
+  ASSERT_TRUE(transfer);
+  EXPECT_FLOAT_EQ(contrast(*transfer, 0, 0, 40, 20)[19], 1.0F);  // 1.02 ^ (20/2)^2 is 7
+}
+
 TEST(HarmonicTransfer, InterpolatesInDepthAndHoldsTheEnds) {
   TransferByDepth by_depth;
   for (const double m : {0.8, 0.4}) {
