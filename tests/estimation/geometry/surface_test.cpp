@@ -113,7 +113,8 @@ Errors errors_of(const Surface& surface, const Truth& truth, bool without_warnin
     for (int col = 0; col < width; ++col) {
       const std::uint32_t validity = surface.validity.at(row, col);
       if ((validity & kValidityErrors) || (without_warnings && validity)) continue;
-      const auto i = static_cast<std::size_t>(row * width + col);
+      const int pixel = row * width + col;
+      const auto i = static_cast<std::size_t>(pixel);
       const Vec3 off = vector_at(surface.position_mm, row, col) - truth.position_mm[i];
       errors.position_mm.push_back(cv::norm(off));
       errors.normal_rad.push_back(angle_rad(vector_at(surface.normal, row, col), truth.normal[i]));
@@ -191,7 +192,7 @@ TEST(Surface, PitchAnglesAndDistanceMatchFiniteDifferences) {
       -(rig.calibration.projector_from_camera.t() * rig.calibration.projector_from_camera_mm);
   for (int row = 4; row < 108; row += 10) {
     for (int col = 4; col < 147; col += 10) {
-      const auto i = static_cast<std::size_t>(row * 147 + col);
+      const auto i = static_cast<std::size_t>(row) * 147 + static_cast<std::size_t>(col);
       const Vec3& point = truth.position_mm[i];
       const Vec3& normal = truth.normal[i];
       const double column_mm = pitch_by_walking(rig, point, normal, 0);

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <numeric>
 #include <random>
 
 #include "tests/estimation/profile/synthetic_profile.h"
@@ -153,8 +154,8 @@ TEST(ProfileMatcher, CostIsTheSameByHarmonicsAndBySamples) {
   const std::vector<float> contrast(static_cast<std::size_t>(table.greatest_harmonic_count()), 1);
   std::mt19937_64 random(4);
   for (int draw = 0; draw < 50; ++draw) {
-    std::vector<double> profile;
-    for (int i = 0; i < 40; ++i) profile.push_back(static_cast<double>(random() >> 11) * 0x1p-53);
+    std::vector<double> profile(40);
+    for (double& sample : profile) sample = static_cast<double>(random() >> 11) * 0x1p-53;
     const double u_px = 40.0 * static_cast<double>(random() >> 11) * 0x1p-53;
     harmonics.load(profile, u_px, contrast);
     samples.load(profile, u_px, contrast);
@@ -216,8 +217,8 @@ TEST(LutFit, OpticsContrastIsTakenIntoAccount) {
 }
 
 TEST(LutFit, OtherPeriodsAndMissingShiftsAreFitted) {
-  std::vector<int> all_of_32;
-  for (int shift = 0; shift < 32; ++shift) all_of_32.push_back(shift);
+  std::vector<int> all_of_32(32);
+  std::iota(all_of_32.begin(), all_of_32.end(), 0);
   EXPECT_NEAR(recover(stripe_set(32, 5, all_of_32), kCheekGreen, 9.9, 0).l_d_frac, 0, 0.002);
   std::vector<int> gaps;  // three neighbours missing, wherever the pixel is
   for (int shift = 0; shift < 40; ++shift)

@@ -12,6 +12,7 @@ namespace {
 
 std::optional<StripeSet> choose(const std::vector<PatternKind>& kinds) {
   std::vector<const PatternKind*> pointers;
+  pointers.reserve(kinds.size());
   for (const PatternKind& kind : kinds) pointers.push_back(&kind);
   return choose_stripe_set(pointers);
 }

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <span>
 #include <utility>
 #include <vector>
@@ -32,8 +33,8 @@ inline StripeSet stripe_set(int period_px, int width_px, std::vector<int> shifts
 }
 
 inline StripeSet paper_stripes() {
-  std::vector<int> shifts;
-  for (int shift = 0; shift < 40; ++shift) shifts.push_back(shift);
+  std::vector<int> shifts(40);
+  std::iota(shifts.begin(), shifts.end(), 0);
   return stripe_set(40, 8, shifts);
 }
 
