@@ -249,7 +249,8 @@ class Turn {
 
   // False, and the capture fails, when the pattern has been retaken often enough.
   bool count_retake(const Finding& finding) {
-    int& count = state().retake_counts[static_cast<std::size_t>(finding.pattern + 1)];
+    const int slot = finding.pattern + 1;
+    int& count = state().retake_counts[static_cast<std::size_t>(slot)];
     if (count < rules_.retake_limit) {
       ++count;
       return true;

@@ -148,7 +148,7 @@ std::uintmax_t needed_bytes(const Manifest& manifest) {
   constexpr std::uintmax_t kTiffOverheadBytes = 4096;
   // 5 maps of 3 bands, 3 + 3 + 2 of geometry, 3 of validity, 18 of uncertainty: 32-bit floats
   // before compression; and the report.
-  constexpr std::uintmax_t kMapBytesPerPixel = (15 + 8 + 3 + 18) * 4;
+  constexpr std::uintmax_t kMapBytesPerPixel = 4 * std::uintmax_t{15 + 8 + 3 + 18};
   constexpr std::uintmax_t kReportBytes = 16'000'000;
   return manifest.frames.size() *
              (pixel_count * channel_count * sample_bytes + kTiffOverheadBytes) +
