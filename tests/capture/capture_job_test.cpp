@@ -13,6 +13,7 @@
 #include <map>
 #include <string>
 
+#include "capture/results.h"
 #include "estimation/session/frame_io.h"
 #include "estimation/session/verify.h"
 #include "tests/capture/ledger_rig.h"
@@ -132,14 +133,15 @@ TEST_F(CaptureJobTest, SameSeedSameBytesAndNeverOverwritten) {
   EXPECT_EQ(first_files, second_files);
 }
 
-TEST_F(CaptureJobTest, MapsFromDiskAreThoseMadeLive) {
+TEST_F(CaptureJobTest, MapsAndPicturesFromDiskAreThoseMadeLive) {
   const CaptureResult result = run();
   ASSERT_EQ(result.exit_code, ExitCode::kDone) << result.message;
-  const auto live = estimation::read_maps(result.session / "maps");
+  const auto manifest = estimation::read_manifest(result.session);
   const auto again = estimation::estimate_session(result.session, options_.estimator);
-  ASSERT_TRUE(live && again);
-  ASSERT_TRUE(estimation::write_maps(root_ / "again", again->maps));
-  EXPECT_EQ(files_of(result.session / "maps"), files_of(root_ / "again"));
+  ASSERT_TRUE(manifest && again);
+  ASSERT_TRUE(write_results(*again, *manifest, result.session, root_ / "maps", root_ / "report"));
+  EXPECT_EQ(files_of(result.session / "maps"), files_of(root_ / "maps"));
+  EXPECT_EQ(files_of(result.session / "report"), files_of(root_ / "report"));
 }
 
 TEST_F(CaptureJobTest, RetakesLeaveACompleteSession) {

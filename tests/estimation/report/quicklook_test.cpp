@@ -9,6 +9,7 @@
 #include <limits>
 #include <opencv2/imgcodecs.hpp>
 
+#include "estimation/report/pictures.h"
 #include "estimation/report/plot.h"
 
 namespace estimation {
@@ -200,6 +201,52 @@ TEST(Quicklook, AnUnwritableFolderIsOneClearError) {
   ASSERT_FALSE(written);
   EXPECT_EQ(written.error().fault, InputFault::kUnwritable);
   EXPECT_THAT(written.error().text(), HasSubstr("report"));
+}
+
+// Mean column of what is painted in (nearly) `color` below the title and the legend; -1: nothing.
+double mean_column(const plot::Canvas& canvas, const plot::Color& color) {
+  double sum = 0, count = 0;
+  for (int row = 50; row < canvas.rows; ++row)
+    for (int col = 0; col < canvas.cols; ++col)
+      if (cv::norm(canvas(row, col), color) < 10) {
+        sum += col;
+        ++count;
+      }
+  return count > 0 ? sum / count : -1;
+}
+
+TEST(Pictures, EachBandOfAProfileIsCentredOnItsOwnPeak) {
+  ProfilePoint point;
+  for (std::size_t b = 0; b < 3; ++b) {
+    ProfileBand& band = point.bands[b];
+    band.peak_px = std::array{38.25, 1.0, 7.5}[b];
+    for (const double offset_px : {-2.0, 2.0})
+      band.measured.push_back(
+          {std::fmod(band.peak_px + offset_px + 40, 40), 0.1 + 0.1 * static_cast<double>(b)});
+  }
+  const plot::Canvas canvas = plot::draw_profiles(std::span(&point, 1), 3);
+  const double red = mean_column(canvas, {45, 45, 205});
+  EXPECT_GT(red, 0);
+  EXPECT_NEAR(mean_column(canvas, {60, 150, 40}), red, 0.5);
+  EXPECT_NEAR(mean_column(canvas, {200, 95, 30}), red, 0.5);
+}
+
+TEST(Pictures, TheLegendPromisesACurveOnlyWhereThereIsOne) {
+  std::vector<ProfilePoint> points = four_points();
+  const auto legend_ink = [&points] {
+    const plot::Canvas canvas = plot::draw_profiles(points, 3);
+    int ink = 0;
+    for (int row = 0; row < 46; ++row)
+      for (int col = canvas.cols / 2; col < canvas.cols; ++col)
+        ink += canvas(row, col) != plot::kWhite;
+    return ink;
+  };
+  const int with_curve = legend_ink();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    EXPECT_EQ(legend_ink(), with_curve);  // one point's is enough
+    for (ProfileBand& band : points[i].bands) band.matched.clear();
+  }
+  EXPECT_LT(legend_ink(), with_curve);
 }
 
 TEST(Plot, TicksAreRoundAndInside) {
