@@ -46,7 +46,7 @@ std::string_view remedy(Incident incident) {
     case Incident::kEdgeBeforeFlip:
     case Incident::kEdgeDuringExposure:
     case Incident::kEdgeOutOfOrder:
-      return "shade the photodiode from other light, or lengthen trigger.debounce";
+      return "shade the photodiode from other light, or lengthen trigger.debounce_us";
     case Incident::kPulseMissing:
     case Incident::kPulseOutOfOrder:
     case Incident::kDataLost:
@@ -54,13 +54,17 @@ std::string_view remedy(Incident incident) {
     case Incident::kFrameMissing:
     case Incident::kFrameUnexpected:
     case Incident::kFrameMistimed:
-      return "see that the trigger cable is sound and the gap exceeds the camera's readout";
+      return "lengthen trigger.gap_us beyond the camera's readout, and see that the trigger cable "
+             "is "
+             "sound";
     case Incident::kFrameDamaged:
     case Incident::kFrameDuplicate:
     case Incident::kFrameLate:
       return "see to the camera's network: own interface, jumbo frames, larger socket buffers";
     case Incident::kFrameMisexposed:
-      return "the camera's sequencer lost step: see the trigger cable, or use trigger_width";
+      return "the camera missed a trigger: lengthen trigger.gap_us beyond its readout, see that "
+             "the "
+             "trigger cable is sound, or use trigger_width";
     case Incident::kDeviceRefused:
     case Incident::kDeviceLost:
     case Incident::kStorage:

@@ -43,11 +43,12 @@ Result<estimation::Calibration> read_calibration(const rig::RigFile& rig_file) {
     return tl::unexpected(InputError{InputFault::kInvalid, rig_file.path.string(), "calibration",
                                      "no calibration file; name one under [calibration] file"});
   std::ifstream file(rig_file.calibration_file, std::ios::binary);
-  const std::string json{std::istreambuf_iterator<char>(file), {}};
-  if (!file)
+  std::error_code unknown;  // then reading says why
+  if (!file || std::filesystem::is_directory(rig_file.calibration_file, unknown))  // it would throw
     return tl::unexpected(
         InputError{InputFault::kNotFound, name, "",
                    "the calibration cannot be read; correct [calibration] file in the rig file"});
+  const std::string json{std::istreambuf_iterator<char>(file), {}};
   return estimation::parse_calibration(json, name);
 }
 

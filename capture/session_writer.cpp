@@ -1,10 +1,14 @@
 #include "capture/session_writer.h"
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdint>
 #include <cstring>
+#include <limits>
 #include <system_error>
+#include <tuple>
 #include <utility>
 
 #include "estimation/session/frame_io.h"
@@ -33,6 +37,33 @@ Result<void> write_manifest(const fs::path& folder, const Manifest& manifest) {
   std::vector<std::byte> bytes(json.size());
   std::memcpy(bytes.data(), json.data(), json.size());
   return estimation::write_file_atomically(folder / "session.json", bytes);
+}
+
+// A file without a name that takes up as much room as the manifest of a whole session will; -1
+// where the file system knows no such file.
+int reserve_room(const fs::path& folder, const Manifest& plan) {
+  Manifest whole = plan;
+  for (estimation::FrameRecord& frame : whole.frames) {
+    frame.frame_id = std::numeric_limits<std::uint64_t>::max();
+    frame.camera_timestamp_ns = frame.edge_timestamp_ns = std::numeric_limits<std::int64_t>::min();
+    frame.sha256 = std::string(64, 'f');
+  }
+  constexpr std::size_t kFailureBytes = 64 << 10;  // and each slot may be named there once more
+  const std::size_t byte_count = estimation::format_manifest(whole).size() + kFailureBytes;
+  const int file = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+  // A disk without that much room: the first frame will say so.
+  if (file >= 0) std::ignore = ::posix_fallocate(file, 0, static_cast<off_t>(byte_count));
+  return file;
+}
+
+bool write_all(int file, const std::string& text) {
+  std::size_t done = 0;
+  while (done < text.size()) {
+    const ssize_t count = ::write(file, text.data() + done, text.size() - done);
+    if (count < 0 && errno != EINTR) return false;
+    if (count > 0) done += static_cast<std::size_t>(count);
+  }
+  return true;
 }
 
 // A folder that did not exist before: making it is what claims the name.
@@ -85,7 +116,7 @@ Result<std::unique_ptr<SessionWriter>> SessionWriter::create(const fs::path& dir
   const auto folder = make_folder(directory, plan.id);
   if (!folder) return tl::unexpected(folder.error());
   plan.id = folder->filename().string();
-  const auto begin = [&]() -> Result<Journal> {
+  const auto begin = [&]() -> Result<Files> {
     std::error_code error;
     if (!fs::create_directory(*folder / "frames", error))
       return unwritable(*folder / "frames", "the folder cannot be made: " + error.message());
@@ -95,27 +126,33 @@ Result<std::unique_ptr<SessionWriter>> SessionWriter::create(const fs::path& dir
     empty.frames.clear();
     if (const auto written = write_manifest(*folder, empty); !written)
       return tl::unexpected(written.error());
-    Journal journal(std::fopen((*folder / "journal.jsonl").c_str(), "w"));
-    if (!journal) return unwritable(*folder / "journal.jsonl", std::strerror(errno));
-    return journal;
+    const fs::path journal = *folder / "journal.jsonl";
+    const int file =
+        ::open(journal.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666);
+    if (file < 0) return unwritable(journal, std::strerror(errno));
+    return Files{Descriptor(file), Descriptor(reserve_room(*folder, plan))};
   };
-  auto journal = begin();
-  if (!journal) {
+  auto files = begin();
+  if (!files) {
     std::error_code ignored;  // the first error is the one to tell
     fs::remove_all(*folder, ignored);
-    return tl::unexpected(journal.error());
+    return tl::unexpected(files.error());
   }
   return std::unique_ptr<SessionWriter>(
-      new SessionWriter(*folder, std::move(plan), std::move(*journal)));
+      new SessionWriter(*folder, std::move(plan), std::move(*files)));
 }
 
-SessionWriter::SessionWriter(fs::path folder, Manifest plan, Journal journal)
+SessionWriter::SessionWriter(fs::path folder, Manifest plan, Files files)
     : folder_(std::move(folder)),
       manifest_(std::move(plan)),
       is_stored_(manifest_.frames.size(), false),
-      journal_(std::move(journal)),
+      files_(std::move(files)),
       queue_(manifest_.frames.size() + kJournalRoom),
       thread_([this] { run(); }) {}
+
+void SessionWriter::Descriptor::close() {
+  if (is_open()) ::close(std::exchange(number_, -1));
+}
 
 SessionWriter::~SessionWriter() { queue_.close(); }
 
@@ -179,18 +216,22 @@ Result<std::string> SessionWriter::store_pixels(const CapturedFrame& frame,
 }
 
 void SessionWriter::store(const std::string& line) {
-  // Flushed line by line: after a crash of the program the journal is whole.
-  const bool is_written = std::fputs(line.c_str(), journal_.get()) >= 0 &&
-                          std::fputc('\n', journal_.get()) != EOF &&
-                          std::fflush(journal_.get()) == 0;
-  if (!is_written) set_fault(unwritable(folder_ / "journal.jsonl", std::strerror(errno)).value());
+  if (!files_.journal.is_open()) return;
+  const int journal = files_.journal.number();
+  // At once, line by line: after a crash of the program the journal is whole.
+  const off_t line_start = ::lseek(journal, 0, SEEK_END);
+  if (write_all(journal, line + "\n")) return;
+  set_fault(unwritable(folder_ / "journal.jsonl", std::strerror(errno)).value());
+  std::ignore = ::ftruncate(journal, line_start);  // it ends with a whole line
+  files_.journal.close();
 }
 
 Result<void> SessionWriter::finish(SessionState state,
                                    std::optional<estimation::SessionFailure> failure) {
   queue_.close();
   thread_.join();
-  if (::fsync(::fileno(journal_.get())) != 0)
+  files_.reserve.close();
+  if (files_.journal.is_open() && ::fsync(files_.journal.number()) != 0)
     set_fault(unwritable(folder_ / "journal.jsonl", std::strerror(errno)).value());
   const auto unstored = fault();
   manifest_.state = unstored && state == SessionState::kComplete ? SessionState::kFailed : state;

@@ -2,13 +2,13 @@
 // manifest again at the end.
 #pragma once
 
-#include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
 #include <thread>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -51,13 +51,27 @@ class SessionWriter {
                                   std::optional<estimation::SessionFailure> failure);
 
  private:
-  struct CloseFile {
-    void operator()(std::FILE* file) const { std::fclose(file); }
+  // An open file, or none.
+  class Descriptor {
+   public:
+    explicit Descriptor(int number = -1) : number_(number) {}
+    Descriptor(Descriptor&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
+    Descriptor& operator=(Descriptor&&) = delete;
+    ~Descriptor() { close(); }
+    bool is_open() const { return number_ >= 0; }
+    int number() const { return number_; }
+    void close();
+
+   private:
+    int number_;
   };
-  using Journal = std::unique_ptr<std::FILE, CloseFile>;
+  struct Files {
+    Descriptor journal;
+    Descriptor reserve;  // without a name: room for the last manifest, even on a full disk
+  };
   using Job = std::variant<CapturedFrame, std::string>;
 
-  SessionWriter(std::filesystem::path folder, estimation::Manifest plan, Journal journal);
+  SessionWriter(std::filesystem::path folder, estimation::Manifest plan, Files files);
   void run();
   void store(const CapturedFrame& frame);
   void store(const std::string& line);
@@ -68,7 +82,7 @@ class SessionWriter {
   const std::filesystem::path folder_;
   estimation::Manifest manifest_;  // frames: one record a slot; the write thread fills them in
   std::vector<bool> is_stored_;    // [slot]; the write thread's until it has ended
-  Journal journal_;                // the write thread's
+  Files files_;                    // the write thread's until it has ended
   mutable std::mutex mutex_;
   std::optional<estimation::InputError> fault_;  // guarded by mutex_
   BoundedQueue<Job> queue_;

@@ -14,6 +14,7 @@
 #include <set>
 #include <sstream>
 #include <string_view>
+#include <system_error>
 #include <utility>
 
 namespace rig {
@@ -363,7 +364,8 @@ Result<RigFile> parse_rig_file(std::string_view toml, const std::filesystem::pat
 
 Result<RigFile> read_rig_file(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
-  if (!file) {
+  std::error_code unknown;                                      // then reading says why
+  if (!file || std::filesystem::is_directory(path, unknown)) {  // reading a folder throws
     return failure(Fault::kConfiguration,
                    path.string() +
                        ": cannot be read; name an existing rig file, such as a copy of "

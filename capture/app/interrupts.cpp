@@ -3,6 +3,7 @@
 #include <pthread.h>
 #include <unistd.h>
 
+#include <csignal>
 #include <ctime>
 
 #include "capture/exit_code.h"
@@ -13,6 +14,10 @@ Interrupts::Interrupts() {
   sigemptyset(&signals_);
   sigaddset(&signals_, SIGINT);
   sigaddset(&signals_, SIGTERM);
+  if (std::signal(SIGHUP, SIG_DFL) != SIG_IGN)  // ignored: under nohup, which means it
+    sigaddset(&signals_, SIGHUP);
+  else
+    std::signal(SIGHUP, SIG_IGN);
   pthread_sigmask(SIG_BLOCK, &signals_, nullptr);
   thread_ = std::jthread([this](const std::stop_token& is_over) { run(is_over); });
 }

@@ -1,4 +1,4 @@
-// Ctrl-C and SIGTERM as a stop token.
+// Ctrl-C, SIGTERM and the end of the terminal as a stop token.
 #pragma once
 
 #include <signal.h>

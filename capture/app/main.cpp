@@ -1,7 +1,9 @@
 // ssrig: per-pixel subsurface scattering maps of a face, live.
 #include <CLI/CLI.hpp>
+#include <csignal>
 
 #include "capture/app/commands.h"
+#include "capture/app/console.h"
 
 // NOLINTNEXTLINE(bugprone-exception-escape): CLI11 would only throw about our own commands' names
 int main(int argc, char** argv) {
@@ -12,7 +14,7 @@ int main(int argc, char** argv) {
       "5 storage, 130 aborted.",
       "ssrig");
   program.set_version_flag("--version", "ssrig " SSRIG_VERSION);
-  program.require_subcommand(1);
+  program.require_subcommand(0, 1);  // asked for below: an unknown word is worth more of a message
   capture::Command command;
   const capture::Select select = [&command](capture::Command chosen) {
     command = std::move(chosen);
@@ -26,5 +28,13 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return program.exit(error) == 0 ? 0 : static_cast<int>(capture::ExitCode::kUsage);
   }
+  if (!command) {
+    capture::complain("name a command: serve, capture, estimate or verify; see ssrig --help");
+    return static_cast<int>(capture::ExitCode::kUsage);
+  }
+  // A file larger than a limit allows, and a reader of our output that has gone, are errors of
+  // write(), not reasons to end without a word.
+  std::signal(SIGXFSZ, SIG_IGN);
+  std::signal(SIGPIPE, SIG_IGN);
   return static_cast<int>(command());
 }

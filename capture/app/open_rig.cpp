@@ -20,8 +20,10 @@ std::unique_ptr<OpenRig> OpenRig::open(const rig::RigFile& rig_file,
                                        std::vector<std::string>& problems) {
   std::unique_ptr<OpenRig> rig(new OpenRig);
   rig::EventQueue& events = *rig->events_;
-  rig->camera_ =
-      take(rig::AravisCamera::open(rig_file.camera, events), rig::Device::kCamera, problems);
+  auto camera = rig::AravisCamera::open(rig_file.camera, events);
+  const bool is_others = !camera && camera.error().fault == rig::Fault::kAccessDenied;
+  rig->camera_ = take(std::move(camera), rig::Device::kCamera, problems);
+  if (is_others) return nullptr;  // a second window would cover the other program's patterns
   rig->trigger_ =
       take(rig::LibusbTrigger::open(rig_file.trigger, events), rig::Device::kTrigger, problems);
   rig->projector_ =

@@ -19,7 +19,7 @@ namespace capture {
 class OpenRig {
  public:
   // Tries every device, so that all that is missing is known at once: one sentence each in
-  // `problems`, and then nullptr.
+  // `problems`, and then nullptr. But a rig that another program is using is left alone.
   static std::unique_ptr<OpenRig> open(const rig::RigFile& rig_file,
                                        std::vector<std::string>& problems);
 

@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <csignal>
 #include <cstdlib>
 
 namespace hw_sim {
@@ -15,6 +16,10 @@ Interrupts::Interrupts() {
   sigemptyset(&signals);
   sigaddset(&signals, SIGINT);
   sigaddset(&signals, SIGTERM);
+  if (std::signal(SIGHUP, SIG_DFL) != SIG_IGN)  // ignored: under nohup, which means it
+    sigaddset(&signals, SIGHUP);
+  else
+    std::signal(SIGHUP, SIG_IGN);
   sigprocmask(SIG_BLOCK, &signals, nullptr);
   descriptor_ = signalfd(-1, &signals, SFD_CLOEXEC | SFD_NONBLOCK);
 }

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <iterator>
 #include <memory>
+#include <system_error>
 #include <utility>
 
 #include "estimation/session/manifest.h"
@@ -51,10 +52,12 @@ rig::Result<estimation::Calibration> read_calibration(const rig::RigFile& rig) {
     return rig::failure(rig::Fault::kConfiguration,
                         rig.path.string() + ": a simulated rig needs a calibration file");
   std::ifstream file(rig.calibration_file);
-  const std::string text{std::istreambuf_iterator<char>(file), {}};
-  if (!file)
+  std::error_code unknown;  // then reading says why
+  if (!file || std::filesystem::is_directory(rig.calibration_file, unknown))  // it would throw
     return rig::failure(rig::Fault::kConfiguration,
-                        "cannot read calibration file " + rig.calibration_file.string());
+                        "cannot read calibration file " + rig.calibration_file.string() +
+                            "; correct [calibration] file in the rig file");
+  const std::string text{std::istreambuf_iterator<char>(file), {}};
   estimation::Result<estimation::Calibration> calibration =
       estimation::parse_calibration(text, rig.calibration_file.string());
   if (!calibration) return rig::failure(rig::Fault::kConfiguration, calibration.error().text());

@@ -584,7 +584,7 @@ Result<void> AravisCamera::Impl::set_extent(const char* name, int value_px, cons
   const std::string remedy = std::string("correct camera.") + key + " in the rig file";
   const auto bounds = features_.integer_bounds(name);
   if (bounds && (value_px < bounds->first || value_px > bounds->second))
-    return failure(Fault::kOutOfRange, at("the camera at ") + " takes a " + name + " of " +
+    return failure(Fault::kOutOfRange, at("the camera at ") + " takes " + name + " from " +
                                            std::to_string(bounds->first) + " to " +
                                            std::to_string(bounds->second) + " px here, not " +
                                            std::to_string(value_px) + "; " + remedy);

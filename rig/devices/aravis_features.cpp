@@ -2,6 +2,7 @@
 
 #include <arv.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 
@@ -67,18 +68,22 @@ bool AravisFeatures::has(const std::string& name) const {
   return is_available;
 }
 
-bool AravisFeatures::has_entry(const std::string& name, const std::string& entry) const {
-  if (!has(name)) return false;
+std::vector<std::string> AravisFeatures::entries(const std::string& name) const {
+  if (!has(name)) return {};
   GError* error = nullptr;
   guint count = 0;
-  const char** entries =
+  const char** texts =
       arv_camera_dup_available_enumerations_as_strings(camera_, name.c_str(), &count, &error);
   g_clear_error(&error);
-  bool is_found = false;
-  for (guint i = 0; entries != nullptr && i < count; ++i)
-    is_found = is_found || entry == entries[i];
-  g_free(entries);
-  return is_found;
+  if (texts == nullptr) return {};
+  std::vector<std::string> entries(texts, texts + count);
+  g_free(texts);
+  return entries;
+}
+
+bool AravisFeatures::has_entry(const std::string& name, const std::string& entry) const {
+  const std::vector<std::string> all = entries(name);
+  return std::find(all.begin(), all.end(), entry) != all.end();
 }
 
 Result<void> AravisFeatures::require(const std::string& name) const {

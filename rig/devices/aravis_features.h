@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "rig/fault.h"
 
@@ -23,6 +24,8 @@ class AravisFeatures {
   explicit AravisFeatures(_ArvCamera* camera) : camera_(camera) {}
 
   bool has(const std::string& name) const;
+  // What an enumeration can be set to now; empty where there is none.
+  std::vector<std::string> entries(const std::string& name) const;
   bool has_entry(const std::string& name, const std::string& entry) const;
 
   Result<std::string> text(const std::string& name) const;
