@@ -121,6 +121,7 @@ TEST_F(FlatPhantom, StripeHarmonicsAreThoseOfTheIntegralOverThePlane) {
   constexpr int kPeriod = 40, kWidth = 8;
   const std::array<std::array<int, 2>, 3> pixels = {{{18, 24}, {18, 25}, {19, 25}}};  // R, G, B
   std::vector<Image<float>> shots;
+  shots.reserve(kPeriod);
   for (int shift = 0; shift < kPeriod; ++shift)
     shots.push_back(under(estimation::Stripes{estimation::Axis::kColumn, kPeriod, kWidth, shift}));
   for (const auto& [row, col] : pixels) {
