@@ -103,7 +103,8 @@ TEST_P(CameraContract, FramesAreWholeAndAsTheirFormatSays) {
   expect_frames(1);
   ASSERT_EQ(frames_.size(), 1U);
   const rig::Frame& frame = frames_.front();
-  const auto pixel_count = static_cast<std::size_t>(frame.width_px * frame.height_px);
+  const auto pixel_count =
+      static_cast<std::size_t>(frame.width_px) * static_cast<std::size_t>(frame.height_px);
   EXPECT_GT(pixel_count, 0U);
   EXPECT_EQ(frame.pixels.size() % pixel_count, 0U);
   EXPECT_FALSE(frame.pixel_format.empty());

@@ -20,6 +20,7 @@ inline constexpr auto kEventPatience = std::chrono::seconds(20);
 inline std::vector<estimation::Image<unsigned char>> plain_pictures(
     const ProjectorSettings& settings, int count) {
   std::vector<estimation::Image<unsigned char>> pictures;
+  pictures.reserve(static_cast<std::size_t>(count));
   for (int i = 0; i < count; ++i)
     pictures.emplace_back(settings.height_px, settings.width_px, 1,
                           static_cast<unsigned char>(10 * (i + 1)));
