@@ -54,17 +54,14 @@ std::string_view remedy(Incident incident) {
     case Incident::kFrameMissing:
     case Incident::kFrameUnexpected:
     case Incident::kFrameMistimed:
-      return "lengthen trigger.gap_us beyond the camera's readout, and see that the trigger cable "
-             "is "
-             "sound";
+      return "lengthen trigger.gap_us beyond the camera's readout, or see to the trigger cable";
     case Incident::kFrameDamaged:
     case Incident::kFrameDuplicate:
     case Incident::kFrameLate:
       return "see to the camera's network: own interface, jumbo frames, larger socket buffers";
     case Incident::kFrameMisexposed:
-      return "the camera missed a trigger: lengthen trigger.gap_us beyond its readout, see that "
-             "the "
-             "trigger cable is sound, or use trigger_width";
+      return "the camera missed a trigger: lengthen trigger.gap_us beyond its readout, see to the "
+             "trigger cable, or use trigger_width";
     case Incident::kDeviceRefused:
     case Incident::kDeviceLost:
     case Incident::kStorage:
