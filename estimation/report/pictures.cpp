@@ -297,7 +297,7 @@ Canvas draw_bands(const std::string& title, const std::string& unit, const BandM
                   int band_count) {
   const auto views = views_of(bands, band_count);
   const Range range = robust_range(views, 0.01, 0.99);
-  const double scale = panel_scale(views[0].width_px, kPanelWidth);
+  const double scale = panel_scale(views[0].width_px, views[0].height_px, kPanelWidth);
   std::vector<Canvas> panels;
   std::vector<std::string> captions;
   for (std::size_t band = 0; band < views.size(); ++band) {
@@ -309,7 +309,7 @@ Canvas draw_bands(const std::string& title, const std::string& unit, const BandM
 
 Canvas draw_depth(const Image<float>& depth_mm) {
   const Range range = robust_range({depth_mm.view()}, 0.005, 0.995);
-  const double scale = panel_scale(depth_mm.width_px(), kPanelWidth);
+  const double scale = panel_scale(depth_mm.width_px(), depth_mm.height_px(), kPanelWidth);
   const Canvas panel = false_color(resize_for_panel(depth_mm.view(), scale).view(), range);
   return compose("depth from the camera", {panel}, {median_text(depth_mm.view()) + " mm"},
                  color_bar(range, "mm", panel.rows));
@@ -329,7 +329,7 @@ Canvas draw_normals(const std::array<Image<float>, 3>& normal) {
       picture(row, col) = std::isnan(x) ? kMissing : Color{level(-z), level(-y), level(x)};
     }
   }
-  const double scale = panel_scale(width, kPanelWidth);
+  const double scale = panel_scale(width, height, kPanelWidth);
   return compose("normal", {resize_picture(picture, scale)},
                  {"red: right, green: up, blue: towards the camera"}, {});
 }
@@ -340,7 +340,8 @@ Canvas draw_validity(const std::array<Image<std::uint32_t>, 3>& validity, int ba
   for (int row = 0; row < all.height_px(); ++row) {
     for (int col = 0; col < all.width_px(); ++col) picture(row, col) = color_of(all.at(row, col));
   }
-  const Canvas panel = resize_picture(picture, panel_scale(picture.cols, kPanelWidth));
+  const Canvas panel =
+      resize_picture(picture, panel_scale(picture.cols, picture.rows, kPanelWidth));
   const Canvas legend = draw_legend(legend_of(all), panel.rows);
   // A picture lower than its legend is continued in white.
   Canvas padded(legend.rows, panel.cols, kWhite);
@@ -374,7 +375,7 @@ Canvas draw_frame(const QuicklookFrame& frame, const CameraInfo& camera) {
   cv::pow(linear, 1 / 2.2, display);
   Canvas picture;
   display.convertTo(picture, CV_8UC3, 255);
-  const double scale = panel_scale(picture.cols, 2 * kPanelWidth);
+  const double scale = panel_scale(picture.cols, picture.rows, 2 * kPanelWidth);
   return compose(frame.title, {resize_picture(picture, scale)}, {""}, {});
 }
 

@@ -112,8 +112,11 @@ Range robust_range(const std::vector<ImageView<const float>>& images, double low
   return range;
 }
 
-double panel_scale(int image_width_px, int panel_width_px) {
-  const double scale = static_cast<double>(panel_width_px) / image_width_px;
+double panel_scale(int image_width_px, int image_height_px, int panel_width_px) {
+  constexpr int kMostHeights = 2;  // of a panel's width: a line of pixels must not fill gigabytes
+  const double scale =
+      std::min(static_cast<double>(panel_width_px) / image_width_px,
+               static_cast<double>(kMostHeights * panel_width_px) / image_height_px);
   return scale >= 1 ? std::floor(scale) : scale;
 }
 

@@ -47,8 +47,9 @@ std::string tick_label(double value, double step);
 Range robust_range(const std::vector<ImageView<const float>>& images, double low_share,
                    double high_share);
 
-// How many times the picture is enlarged (above 1, whole) or reduced for a panel of `width_px`.
-double panel_scale(int image_width_px, int panel_width_px);
+// How many times the picture is enlarged (above 1, whole) or reduced for a panel of
+// `panel_width_px`, and of twice that height at most.
+double panel_scale(int image_width_px, int image_height_px, int panel_width_px);
 
 // Resized so that pixels stay sharp when enlarged, and are averaged (NaN left out) when reduced.
 Image<float> resize_for_panel(ImageView<const float> image, double scale);

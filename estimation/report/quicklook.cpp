@@ -1,5 +1,7 @@
 #include "estimation/report/quicklook.h"
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
 #include <functional>
 #include <opencv2/imgcodecs.hpp>
@@ -22,6 +24,21 @@ void add_bands(const std::string& file, const std::string& title, const std::str
   if (bands[0].empty()) return;
   pictures.push_back(
       {file, [=, &bands] { return plot::draw_bands(title, unit, bands, band_count); }});
+}
+
+// Of maps and profiles: what a report of an earlier run may hold and this one not.
+constexpr std::array<const char*, 9> kPictureNames{
+    "sigma_a.png",  "sigma_s_prime.png", "translucency.png", "diffuse_reflectance.png",
+    "indirect.png", "normal.png",        "depth.png",        "validity.png",
+    "profiles.png"};
+
+void remove_others(const std::filesystem::path& folder,
+                   const std::vector<std::filesystem::path>& written) {
+  for (const char* name : kPictureNames) {
+    const std::filesystem::path path = folder / name;
+    std::error_code ignored;  // a picture that stays is no reason to fail
+    if (std::ranges::find(written, path) == written.end()) std::filesystem::remove(path, ignored);
+  }
 }
 
 std::vector<Picture> list_pictures(const Maps& maps, const CameraInfo& camera,
@@ -94,6 +111,7 @@ Result<std::vector<std::filesystem::path>> write_quicklook(const std::filesystem
     if (auto done = write_file_atomically(path, *png); !done) return tl::unexpected(done.error());
     written.push_back(path);
   }
+  remove_others(folder, written);
   return written;
 }
 

@@ -24,9 +24,9 @@ struct QuicklookFrame {
 };
 
 // Writes PNG files into `folder` (made if absent), whole or not at all; what `maps` does not hold
-// is left out. Returns the files written: sigma_a.png, sigma_s_prime.png, translucency.png,
-// diffuse_reflectance.png, indirect.png, normal.png, depth.png, validity.png, profiles.png (of the
-// first four points) and one a frame.
+// is left out, and removed if an earlier run left it there. Returns the files written: sigma_a.png,
+// sigma_s_prime.png, translucency.png, diffuse_reflectance.png, indirect.png, normal.png,
+// depth.png, validity.png, profiles.png (of the first four points) and one a frame.
 Result<std::vector<std::filesystem::path>> write_quicklook(const std::filesystem::path& folder,
                                                            const Maps& maps,
                                                            const CameraInfo& camera,

@@ -81,6 +81,7 @@ auto map_files(AnyMaps& maps, int band_count) {
 }
 
 constexpr const char* kValidityFile = "validity.exr";
+constexpr const char* kStagingName = ".maps_being_written";
 
 std::vector<std::pair<std::string, std::string>> attributes_of(const Maps& maps,
                                                                const std::string& unit) {
@@ -120,6 +121,39 @@ Result<void> write_validity(const fs::path& folder, const Maps& maps) {
   return write_exr(folder / kValidityFile, channels, attributes_of(maps, "sum of bits"));
 }
 
+InputError unwritable(const fs::path& path, const std::error_code& error) {
+  return {InputFault::kUnwritable, path.string(), "", explain_errno(error.value())};
+}
+
+// Every name of a map file, whether `maps` holds it or not.
+std::vector<std::string> map_names(const Maps& maps) {
+  std::vector<std::string> names{kValidityFile};
+  for (const auto& file : map_files(maps, maps.band_count)) names.push_back(file.name);
+  return names;
+}
+
+Result<void> write_all(const fs::path& folder, const Maps& maps) {
+  for (const auto& file : map_files(maps, maps.band_count)) {
+    if (auto written = write_map_file(folder, file, maps); !written) return written;
+  }
+  return write_validity(folder, maps);
+}
+
+// Moves what is in `staging` into `folder` and removes its other maps: they are of an earlier run.
+Result<void> replace_maps(const fs::path& folder, const fs::path& staging,
+                          const std::vector<std::string>& names) {
+  for (const std::string& name : names) {
+    std::error_code error;
+    if (fs::exists(staging / name, error)) {
+      fs::rename(staging / name, folder / name, error);
+    } else {
+      fs::remove(folder / name, error);
+    }
+    if (error) return tl::unexpected(unwritable(folder / name, error));
+  }
+  return {};
+}
+
 // A file of the folder; nullopt if it is not there.
 Result<std::optional<ExrFile>> read_if_present(const fs::path& path) {
   Result<ExrFile> file = read_exr_file(path);
@@ -132,11 +166,8 @@ Result<std::optional<ExrFile>> read_if_present(const fs::path& path) {
 using ExrFiles = std::map<std::string, ExrFile>;
 
 Result<ExrFiles> read_present(const fs::path& folder) {
-  Maps names_only;
-  std::vector<std::string> names{kValidityFile};
-  for (const auto& file : map_files(names_only, 3)) names.push_back(file.name);
   ExrFiles files;
-  for (const std::string& name : names) {
+  for (const std::string& name : map_names({})) {
     Result<std::optional<ExrFile>> file = read_if_present(folder / name);
     if (!file) return tl::unexpected(file.error());
     if (*file) files.emplace(name, std::move(**file));
@@ -216,15 +247,20 @@ void take_attributes(const ExrFile& file, Maps& maps) {
 
 Result<void> write_maps(const fs::path& folder, const Maps& maps) {
   std::error_code error;
+  const bool is_new = !fs::exists(folder, error);
   fs::create_directories(folder, error);
-  if (error) {
-    return tl::unexpected(
-        InputError{InputFault::kUnwritable, folder.string(), "", explain_errno(error.value())});
-  }
-  for (const auto& file : map_files(maps, maps.band_count)) {
-    if (auto written = write_map_file(folder, file, maps); !written) return written;
-  }
-  return write_validity(folder, maps);
+  if (error) return tl::unexpected(unwritable(folder, error));
+  // All of them beside the old ones first: a full disk must not leave half of each.
+  const fs::path staging = folder / kStagingName;
+  fs::remove_all(staging, error);  // of a run that was killed
+  fs::create_directory(staging, error);
+  Result<void> written;
+  if (error) written = tl::unexpected(unwritable(staging, error));
+  if (written) written = write_all(staging, maps);
+  if (written) written = replace_maps(folder, staging, map_names(maps));
+  fs::remove_all(staging, error);
+  if (!written && is_new) fs::remove(folder, error);  // only if empty
+  return written;
 }
 
 Result<Maps> read_maps(const fs::path& folder) {

@@ -59,7 +59,9 @@ struct Maps {
   std::string method, scattering_model;           // header attributes
 };
 
-// Writes every computed map into `folder` (made if absent), each file whole or absent.
+// Writes every computed map into `folder` (made if absent) and removes the maps of an earlier run
+// that this one has none for; other files stay. On an error the maps that were there stay as they
+// were.
 Result<void> write_maps(const std::filesystem::path& folder, const Maps& maps);
 
 // Reads what is there; a missing file leaves its image empty. Errors: a damaged file, or sizes that

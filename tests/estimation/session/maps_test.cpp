@@ -8,9 +8,11 @@
 #include <ImfStringAttribute.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include <algorithm>
 #include <cmath>
+#include <csignal>
 #include <limits>
 #include <random>
 #include <set>
@@ -25,6 +27,26 @@ using testing::HasSubstr;
 
 constexpr int kWidthPx = 37;
 constexpr int kHeightPx = 21;
+
+// As a full disk: writing beyond `byte_count` fails.
+class FileSizeLimit {
+ public:
+  explicit FileSizeLimit(rlim_t byte_count) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
+    ::getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit limit{byte_count, before_.rlim_max};
+    ::setrlimit(RLIMIT_FSIZE, &limit);
+  }
+  ~FileSizeLimit() {
+    ::setrlimit(RLIMIT_FSIZE, &before_);
+    std::signal(SIGXFSZ, handler_);
+  }
+  FileSizeLimit(const FileSizeLimit&) = delete;
+  FileSizeLimit& operator=(const FileSizeLimit&) = delete;
+
+ private:
+  rlimit before_{};
+  void (*handler_)(int);
+};
 
 class RandomMaps {
  public:
@@ -211,6 +233,35 @@ TEST(Maps, WhatWasNotComputedHasNoFile) {
   EXPECT_EQ(read->band_count, 3);
   EXPECT_TRUE(read->sigma_a_per_mm[0].empty());
   expect_same(read->position_mm[2], maps.position_mm[2]);
+}
+
+TEST(Maps, MapsOfAnEarlierRunDoNotSurviveAsIfTheyWereCurrent) {
+  const TemporaryFolder folder;
+  write_text(folder.path() / "notes.txt", "somebody's own");
+  ASSERT_TRUE(write_maps(folder.path(), RandomMaps(8).full(3)));
+  Maps geometry;
+  geometry.height_px = kHeightPx;
+  geometry.width_px = kWidthPx;
+  for (Image<float>& image : geometry.position_mm) image = RandomMaps(9).plane();
+  ASSERT_TRUE(write_maps(folder.path(), geometry));
+  EXPECT_EQ(names_in(folder.path()), (std::set<std::string>{"notes.txt", "position.exr"}));
+}
+
+TEST(Maps, ADiskThatFillsUpLeavesTheOldMapsAsTheyWere) {
+  const TemporaryFolder folder;
+  ASSERT_TRUE(write_maps(folder.path(), RandomMaps(10).full(3)));
+  const std::string sigma_a = read_text(folder.path() / "sigma_a.exr");
+  const std::set<std::string> names = names_in(folder.path());
+  {
+    // sigma_a.exr and others of three channels fit, uncertainty.exr does not.
+    const FileSizeLimit limit(20000);
+    const auto written = write_maps(folder.path(), RandomMaps(11).full(3));
+    ASSERT_FALSE(written);
+    EXPECT_EQ(written.error().fault, InputFault::kUnwritable);
+    EXPECT_FALSE(write_maps(folder.path() / "new", RandomMaps(11).full(3)));
+  }
+  EXPECT_EQ(read_text(folder.path() / "sigma_a.exr"), sigma_a);
+  EXPECT_EQ(names_in(folder.path()), names);
 }
 
 TEST(Maps, AnEmptyFolderHoldsNoMapsAndAMissingOneIsNotFound) {
