@@ -55,12 +55,20 @@ std::string joined(const std::vector<std::string>& words) {
   return text;
 }
 
+// The same error with the manifest's key that names the file.
+InputError named_by(const std::string& key, InputError error) {
+  error.place = error.place.empty() ? key : key + ", " + error.place;
+  return error;
+}
+
 Result<std::map<std::string, Image<float>>> read_channels(const std::filesystem::path& session,
                                                           const std::string& name,
                                                           const std::string& place) {
   const auto path = resolve_in_session(session, name, place);
   if (!path) return tl::unexpected(path.error());
-  return read_exr(*path);
+  auto channels = read_exr(*path);
+  if (!channels) return tl::unexpected(named_by(place, channels.error()));
+  return channels;
 }
 
 // A single-channel EXR of a required size; an empty image if no file is named.
@@ -90,7 +98,9 @@ Result<CameraBlack> read_black(const Manifest& manifest, const std::filesystem::
   std::vector<CameraBlack::Dark> darks;
   for (const DarkFrame& dark : manifest.camera.dark_frames) {
     auto frame = read_frame(session, manifest, dark.file);
-    if (!frame) return tl::unexpected(frame.error());
+    if (!frame)
+      return tl::unexpected(
+          named_by("/camera/dark_frames/" + std::to_string(darks.size()) + "/file", frame.error()));
     darks.push_back({dark.exposure_us, std::move(*frame)});
   }
   return CameraBlack(std::move(darks));
@@ -259,8 +269,10 @@ Result<Maps> Estimator::Implementation::estimate() {
   signals_ = store_.take();
   notes_ = signals_.notes;
   if (signals_.patterns.empty())
-    return tl::unexpected(InputError{InputFault::kInsufficient, "", "/frames",
-                                     "there is no frame of any pattern but black"});
+    return tl::unexpected(
+        InputError{InputFault::kInsufficient, "", "/frames",
+                   "holds no frame of stripes, Gray code, fringes or white: nothing can be "
+                   "estimated; expected the frames of the projected patterns"});
   std::vector<const PatternKind*> kinds;
   for (const PatternRate& pattern : signals_.patterns) kinds.push_back(&pattern.pattern->kind);
   const std::optional<StripeSet> stripes = choose_stripe_set(kinds);
@@ -277,7 +289,9 @@ Result<Maps> Estimator::Implementation::estimate() {
   maps.method = options_.method;
   maps.scattering_model = model_->name();
   if (correspondence_.column_px.empty() && correspondence_.row_px.empty()) {
-    notes_.push_back("no correspondence could be decoded: no maps");
+    notes_.push_back("no correspondence could be decoded: there is no map but validity");
+    for (int band = 0; band < bands(); ++band)
+      maps.validity[static_cast<std::size_t>(band)] = correspondence_.validity;
     return maps;
   }
   Surface surface = reconstruct_surface(manifest_.calibration, camera(), manifest_.projector,
@@ -528,7 +542,9 @@ Result<std::vector<Image<std::uint16_t>>> read_batch(const std::filesystem::path
   });
   std::vector<Image<std::uint16_t>> frames;
   for (auto& frame : read) {
-    if (!frame) return tl::unexpected(frame.error());
+    if (!frame)
+      return tl::unexpected(
+          named_by("/frames/" + std::to_string(first + frames.size()) + "/file", frame.error()));
     frames.push_back(std::move(*frame));
   }
   return frames;
@@ -541,8 +557,14 @@ Result<SessionEstimate> estimate_session(
     const std::function<void(const EstimateProgress&)>& on_progress) {
   const auto manifest = read_manifest(session);
   if (!manifest) return tl::unexpected(manifest.error());
+  // What the Estimator finds wrong with the manifest, it does not know the file of.
+  const auto failed = [&](InputError error) {
+    if (error.file.empty() && error.place.starts_with('/'))
+      error.file = (session / "session.json").string();
+    return tl::unexpected(std::move(error));
+  };
   auto estimator = Estimator::create(*manifest, session, options);
-  if (!estimator) return tl::unexpected(estimator.error());
+  if (!estimator) return failed(estimator.error());
   tbb::task_arena readers(options.thread_count > 0 ? options.thread_count
                                                    : tbb::task_arena::automatic);
   const std::size_t frame_count = manifest->frames.size();
@@ -558,7 +580,7 @@ Result<SessionEstimate> estimate_session(
   }
   if (on_progress) on_progress({.stage = "maps", .done = 0, .total = 1});
   auto maps = (*estimator)->finish();
-  if (!maps) return tl::unexpected(maps.error());
+  if (!maps) return failed(maps.error());
   if (on_progress) on_progress({.stage = "maps", .done = 1, .total = 1});
   return SessionEstimate{.maps = std::move(*maps),
                          .notes = (*estimator)->notes(),

@@ -106,10 +106,11 @@ struct SizePx {
   int width = 0, height = 0;
 };
 
-SizePx read_size(const JsonValue& object, const std::string& whose) {
+SizePx read_size(const JsonValue& object, const std::string& of_what) {
   const JsonValue height = object.at("height");
-  const SizePx size{.width = object.at("width").whole(1, kLargestSidePx, whose + "'s width, px"),
-                    .height = height.whole(1, kLargestSidePx, whose + "'s height, px")};
+  const SizePx size{
+      .width = object.at("width").whole(1, kLargestSidePx, "width of " + of_what + ", px"),
+      .height = height.whole(1, kLargestSidePx, "height of " + of_what + ", px")};
   if (std::int64_t{size.width} * size.height > kLargestAreaPx) {
     height.fail("a width times height of at most " + std::to_string(kLargestAreaPx) + " px");
   }
