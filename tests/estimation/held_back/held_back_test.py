@@ -1,0 +1,210 @@
+"""Sessions written by somebody else's code, through `ssrig estimate` and `ssrig verify`.
+
+usage: held_back_test.py SSRIG [unittest's arguments]
+Each test writes a session with make_session.py, which shares nothing with ssrig, and compares the
+maps with its truth. Tolerances are about twice what was measured; of the paper's method without
+indirect light.
+"""
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import make_session
+from make_session import bits_for, fringes, gray, read_exr, stripes, usual_patterns
+
+SSRIG = ""
+ERRORS = 255  # the bits of validity under which the maps hold NaN
+PARAMETERS = ["sigma_a", "sigma_s_prime", "translucency", "diffuse_reflectance"]
+MONO = {"format": "Mono12", "size": [26, 20]}
+
+
+def without_radiometry(manifest):
+    for key in ("black_level", "saturation_level", "gain_e_per_dn", "read_noise_e"):
+        del manifest["camera"][key]
+    del manifest["calibration"]["irradiance"]
+
+
+class HeldBack(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.mkdtemp(prefix="ssrig_held_back_")
+        self.addCleanup(shutil.rmtree, self.folder)
+        self.session = os.path.join(self.folder, "session")
+
+    def make(self, **options):
+        self.truth = make_session.make(self.session, **options)
+        self.width, self.height = dict(make_session.DEFAULTS, **options)["size"]
+
+    def ssrig(self, *arguments):
+        return subprocess.run([SSRIG, *arguments], capture_output=True, text=True, timeout=60)
+
+    def estimate(self, *arguments, code=0):
+        done = self.ssrig("estimate", self.session, *arguments)
+        self.assertEqual(done.returncode, code, done.stderr)
+        return done.stderr
+
+    def maps(self):
+        folder = os.path.join(self.session, "maps")
+        return {name[:-4]: read_exr(os.path.join(folder, name))[0] for name in os.listdir(folder)}
+
+    def errors(self, values, truth, border):
+        found = []
+        for i, value in enumerate(values):
+            row, col = divmod(i, self.width)
+            if truth(i) is None or not math.isfinite(value):
+                continue
+            if border <= row < self.height - border and border <= col < self.width - border:
+                found.append(abs(value - truth(i)))
+        return sorted(found)
+
+    def check_maps(self, maps, median_frac=0.02, least_valid_frac=0.99):
+        """Every band close to the truth, finite exactly where valid."""
+        for band, name in enumerate("Y" if "Y" in maps["validity"] else "RGB"):
+            validity = [int(v) for v in maps["validity"][name]]
+            seen = [i for i in range(len(validity)) if self.truth["z"][i] is not None]
+            valid = sum(1 for i in seen if not validity[i] & ERRORS)
+            self.assertGreaterEqual(valid, least_valid_frac * len(seen), name)
+            for parameter in PARAMETERS + ["indirect"]:
+                for value, bits in zip(maps[parameter][name], validity):
+                    self.assertEqual(math.isfinite(value), not bits & ERRORS, parameter)
+            for parameter in PARAMETERS:
+                truth = self.truth["bands"][band][parameter]
+                errors = self.errors(maps[parameter][name], lambda i: truth, 3)
+                self.assertLess(errors[len(errors) // 2] / truth, median_frac,
+                                "%s of %s" % (parameter, name))
+
+    def check_depth(self, maps, median_mm=0.05):
+        errors = self.errors(maps["position"]["Z"], lambda i: self.truth["z"][i], 0)
+        self.assertLess(errors[len(errors) // 2], median_mm)
+
+    def recovered(self, median_frac=0.02, median_mm=0.05, **options):
+        self.make(**options)
+        notes = self.estimate()
+        maps = self.maps()
+        self.check_maps(maps, median_frac)
+        self.check_depth(maps, median_mm)
+        verified = self.ssrig("verify", self.session)
+        self.assertEqual(verified.returncode, 0, verified.stderr)
+        return notes
+
+    def test_odd_region_of_a_bayer_sensor_with_four_shuffled_exposures(self):
+        self.recovered(format="BayerGB12", size=[27, 21], roi=[101, 57], shuffle=True,
+                       index_step=7, exposures_us=[16000, 2000, 8000, 4000])
+
+    def test_rgb_png_of_8_bits_on_a_wide_projector(self):
+        self.recovered(0.03, format="RGB8", file="png", size=[21, 17], projector=[1280, 800])
+
+    def test_stripes_of_another_width_on_a_small_projector(self):
+        projector = [854, 480]
+        self.recovered(projector=projector, patterns=stripes("column", 24, 6, range(24)) +
+                       gray("column", bits_for(854)) + fringes("column", 20.5, 4), **MONO)
+
+    def test_wide_stripes_along_rows_with_sparse_negative_shifts(self):
+        self.recovered(0.03, median_mm=0.2, patterns=stripes("row", 64, 16, range(-20, 44, 2)) +
+                       gray("column", 10) + gray("row", 10), **MONO)
+
+    def test_missing_and_repeated_shifts(self):
+        self.recovered(0.04, patterns=stripes("column", 40, 8, [
+            s for s in range(43) if s not in (3, 4, 5, 19)]) + gray("column", 10, False), **MONO)
+
+    def test_distortion_flat_field_vignetting_and_dark_frames(self):
+        self.recovered(format="BayerGR16", size=[28, 22], flat_field=True, vignetting=True,
+                       dark_frames=True, projector=[512, 400], mm_per_px=1.5,
+                       camera_distortion=[-0.2, 0.1, 0.001, -0.002, 0.05],
+                       projector_distortion=[0.1, -0.2, 0.002, 0.001, 0])
+
+    def test_optics_by_depth_and_tilt(self):
+        self.recovered(blur_px=0.8, transfer="depth", tilt_deg=50, azimuth_deg=0, **MONO)
+
+    def test_ambient_light_with_black_and_white(self):
+        self.recovered(0.04, ambient_frac=0.03, projector_black_frac=0.01,
+                       patterns=usual_patterns([1024, 768]) +
+                       [{"kind": "white"}, {"kind": "black"}], **MONO)
+
+    def test_a_sphere_before_nothing(self):
+        self.make(format="Mono12", shape="sphere", radius_mm=22, mm_per_px=1.2, size=[44, 40])
+        self.estimate()
+        maps = self.maps()
+        self.check_maps(maps, 0.04, least_valid_frac=0.85)
+        for z, truth in zip(maps["position"]["Z"], self.truth["z"]):
+            if truth is None:
+                self.assertTrue(math.isnan(z))
+
+    def test_gray_code_alone_of_another_rig(self):
+        for is_paired in (True, False):
+            self.make(format="Mono8", size=[40, 30], exposures_us=[16000], file="png",
+                      edit=without_radiometry,
+                      patterns=gray("column", 10, is_paired) + gray("row", 10, is_paired))
+            notes = self.estimate()
+            self.assertIn("geometry only", notes)
+            maps = self.maps()
+            self.assertNotIn("sigma_a", maps)
+            self.assertEqual(set(maps["validity"]["Y"]), {0})
+            self.check_depth(maps, 0.4)
+
+    def test_whole_numbers_unknown_keys_and_big_endian_deflated_strips(self):
+        def edit(manifest):
+            manifest["camera"].update(width=26.0, height=20.0, black_level=102, lens=None)
+            manifest["other"] = {"deep": [1, {"er": None}]}
+            manifest["patterns"][0]["note"] = "first"
+        self.recovered(edit=edit, tiff={"order": ">", "compression": 8, "rows_per_strip": 3},
+                       **MONO)
+
+    def test_next_to_nothing(self):
+        for size, fmt in (([1, 1], "Mono12"), ([1, 33], "BayerRG12"), ([2, 2], "RGB8")):
+            self.make(size=size, format=fmt)
+            self.estimate()
+            for band in self.maps()["validity"].values():
+                self.assertTrue(all(int(v) & ERRORS for v in band), size)
+            shutil.rmtree(self.session)
+
+    def test_dark_and_bright_frames_hold_nothing_and_say_why(self):
+        for white_dn_frac, reason in ((0, 1), (1000, 2)):
+            self.make(white_dn_frac=white_dn_frac, projector_black_frac=0.1, format="Mono12",
+                      size=[9, 7], edit=lambda manifest: manifest["calibration"].update(
+                          irradiance={"signal_per_us": [1]}, projector_black=[0]))
+            self.estimate()
+            self.assertEqual(set(self.maps()["validity"]["Y"]), {reason})
+            shutil.rmtree(self.session)
+
+    def test_without_correspondence_there_is_validity_alone(self):
+        self.make(patterns=[{"kind": "white"}], **MONO)
+        self.assertIn("no correspondence", self.estimate())
+        maps = self.maps()
+        self.assertEqual(list(maps), ["validity"])
+        self.assertEqual(set(maps["validity"]["Y"]), {8})
+
+    def test_pictures_and_black_alone_are_too_little(self):
+        for patterns in ([{"kind": "image", "file": "frames/p000_e0.tiff"}], [{"kind": "black"}]):
+            self.make(patterns=patterns, **MONO)
+            complaint = self.estimate(code=1)
+            self.assertIn("session.json: /frames: ", complaint)
+            self.assertFalse(os.path.exists(os.path.join(self.session, "maps")))
+            shutil.rmtree(self.session)
+
+    def test_maps_of_an_earlier_run_go_or_stay_as_a_whole(self):
+        self.make(**MONO)
+        self.estimate()
+        maps = os.path.join(self.session, "maps")
+        report = os.path.join(self.session, "report")
+        full = set(os.listdir(maps)) | set(os.listdir(report))
+        self.estimate("--only", "geometry")
+        now = set(os.listdir(maps)) | set(os.listdir(report))
+        self.assertLess(now, full)
+        self.assertFalse([name for name in now if name.startswith(("sigma", "trans", "diffuse"))])
+        # A run that fails leaves what was there.
+        frame = os.path.join(self.session, "frames", "p003_e1.tiff")
+        with open(frame, "r+b") as file:
+            file.truncate(100)
+        complaint = self.estimate(code=1)
+        self.assertIn(frame + ": /frames/7/file: ", complaint)
+        self.assertEqual(set(os.listdir(maps)) | set(os.listdir(report)), now)
+
+
+if __name__ == "__main__":
+    SSRIG = sys.argv.pop(1)
+    unittest.main()
