@@ -6,13 +6,16 @@
 #include <cstdio>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <memory>
+#include <string>
 #include <system_error>
 #include <utility>
 
 #include "estimation/session/manifest.h"
 #include "hw_sim/app/commands.h"
 #include "hw_sim/app/interrupts.h"
+#include "hw_sim/app/scratch_folder.h"
 #include "hw_sim/app/session_watch.h"
 #include "hw_sim/app/virtual_rig.h"
 #include "hw_sim/display/child_process.h"
@@ -118,6 +121,8 @@ int run_command(const RunOptions& options) {
   Interrupts interrupts;
   const rig::Result<rig::RigFile> rig = rig::read_rig_file(options.rig_file);
   if (!rig) return complain(rig.error());
+  const rig::Result<std::unique_ptr<ScratchFolder>> scratch = ScratchFolder::make();
+  if (!scratch) return complain(scratch.error());
   rig::Result<std::unique_ptr<HeadWorld>> world = [&] {
     const ExitOnInterrupt exit_on_interrupt(interrupts);
     return make_world(*rig, options);
@@ -129,8 +134,10 @@ int run_command(const RunOptions& options) {
   if (!devices) return complain(devices.error());
   int exit_code = kExitFailed;
   {
-    rig::Result<ChildProcess> child = ChildProcess::start(
-        {.argv = options.command, .environment = (*devices)->child_environment()});
+    std::map<std::string, std::string> environment = (*devices)->child_environment();
+    environment["TMPDIR"] = (*scratch)->outer_tmpdir();
+    rig::Result<ChildProcess> child =
+        ChildProcess::start({.argv = options.command, .environment = std::move(environment)});
     if (!child) {
       complain(child.error());
       return kExitUsage;

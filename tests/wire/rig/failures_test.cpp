@@ -49,6 +49,15 @@ std::string small_rig() {
   return toml + "\n[daemon]\nport = 8649\n";
 }
 
+// How many processes have `word` on their command line.
+int process_count_of(const std::string& word) {
+  int count = 0;
+  std::error_code gone;
+  for (const auto& entry : fs::directory_iterator("/proc", gone))
+    if (read_text(entry.path() / "cmdline").find(word) != std::string::npos) ++count;
+  return count;
+}
+
 class Failures : public testing::Test {
  public:
   Failures() {
@@ -323,6 +332,16 @@ TEST_F(Failures, KilledProgramLeavesWholeFramesAndNoProcess) {
   EXPECT_EQ(manifest()["state"], "capturing");
   EXPECT_EQ(run({SSRIG, "verify", only_session()}), kIncomplete) << output();
   EXPECT_TRUE(fs::is_empty(folder() / "tmp")) << "left behind";
+}
+
+TEST_F(Failures, KilledRigTakesEverythingWithIt) {
+  auto child = start_on_rig(capture());
+  wait_until([this] { return frame_count() >= 10; });
+  EXPECT_FALSE(fs::is_empty(folder() / "tmp"));
+  child.send(SIGKILL);
+  EXPECT_EQ(ended(child), 128 + SIGKILL);
+  wait_until([this] { return fs::is_empty(folder() / "tmp"); });
+  wait_until([this] { return process_count_of(folder().string()) == 0; });  // ssrig, Xorg
 }
 
 // ---- The daemon ----
