@@ -132,6 +132,7 @@ bool capture(rig::Projector& projector, rig::Trigger& trigger, rig::Camera& came
              rig::EventSource& events, const rig::RigFile& rig) {
   const std::vector<std::chrono::microseconds>& exposures = rig.sequence.exposures;
   std::vector<estimation::Image<unsigned char>> pictures;
+  pictures.reserve(kPictureCount);
   for (int i = 0; i < kPictureCount; ++i)
     pictures.emplace_back(rig.projector.height_px, rig.projector.width_px, 1,
                           static_cast<unsigned char>(level_of(i)));

@@ -34,6 +34,7 @@ class Probe {
     std::vector<char*> arguments = {program.data(), argument.data(), nullptr};
     std::vector<std::string> variables = environment(testbed);
     std::vector<char*> pointers;
+    pointers.reserve(variables.size() + 1);
     for (std::string& variable : variables) pointers.push_back(variable.data());
     pointers.push_back(nullptr);
     EXPECT_EQ(
@@ -75,7 +76,8 @@ class Probe {
   static std::vector<std::string> environment(const hw_sim::UsbTestbed& testbed) {
     std::vector<std::string> variables;
     for (const auto& [name, value] : testbed.child_environment()) {
-      variables.push_back(name + "=" + value);
+      variables.push_back(name);
+      variables.back().append("=").append(value);
     }
     // The first of a name counts.
     for (char** variable = environ; *variable != nullptr; ++variable) {
