@@ -111,6 +111,12 @@ class HeldBack(unittest.TestCase):
         self.recovered(0.04, patterns=stripes("column", 40, 8, [
             s for s in range(43) if s not in (3, 4, 5, 19)]) + gray("column", 10, False), **MONO)
 
+    def test_noise_unknown_and_eight_shifts_alone(self):
+        def edit(manifest):
+            del manifest["camera"]["gain_e_per_dn"], manifest["camera"]["read_noise_e"]
+        self.recovered(0.04, edit=edit, patterns=stripes("column", 40, 8, range(0, 40, 5)) +
+                       gray("column", 10) + gray("row", 10), **MONO)
+
     def test_distortion_flat_field_vignetting_and_dark_frames(self):
         self.recovered(format="BayerGR16", size=[28, 22], flat_field=True, vignetting=True,
                        dark_frames=True, projector=[512, 400], mm_per_px=1.5,
