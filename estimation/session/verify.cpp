@@ -163,6 +163,7 @@ class Verification {
     for (const char band : bands) {
       const std::string first = std::string(1, band) + ".1";
       if (channels->contains(first)) continue;
+      if (bands.size() == 1 && channels->contains("Y.1")) continue;  // as the estimator reads it
       add_problem({InputFault::kInvalid, full_name(transfer.file), "",
                    "has no channel " + first + "; expected R.1 R.2 ... for every band"},
                   pointer);
@@ -287,13 +288,25 @@ class Verification {
     std::set<int> missing;
     for (int bit = 0; bit < bit_count; ++bit) missing.insert(bit);
     bool has_fringe = false;
+    std::map<std::pair<double, int>, std::set<double>> shifts;  // [period, width (0: fringe)]
     for (const Pattern& pattern : manifest_.patterns) {
       if (!captured_.contains(pattern.index)) continue;
       const auto* gray = std::get_if<GrayCode>(&pattern.kind);
       if (gray != nullptr && gray->axis == axis) missing.erase(gray->bit);
       const auto* fringe = std::get_if<Fringe>(&pattern.kind);
       has_fringe = has_fringe || (fringe != nullptr && fringe->axis == axis);
+      const auto* stripes = std::get_if<Stripes>(&pattern.kind);
+      if (fringe != nullptr && fringe->axis == axis)
+        shifts[{fringe->period_px, 0}].insert(fringe->shift_px);
+      if (stripes != nullptr && stripes->axis == axis)
+        shifts[{stripes->period_px, stripes->width_px}].insert(stripes->shift_px);
     }
+    // Three shifts give a phase, which tells apart what lies within its period.
+    double period_px = 0;
+    for (const auto& [set, phases] : shifts)
+      if (phases.size() >= 3) period_px = std::max(period_px, set.first);
+    const bool has_bits = static_cast<int>(missing.size()) < bit_count;
+    if (has_bits) std::erase_if(missing, [&](int bit) { return std::exp2(bit + 1) <= period_px; });
     if (missing.empty()) return;
     const std::string along = axis == Axis::kColumn ? "columns" : "rows";
     if (static_cast<int>(missing.size()) == bit_count && has_fringe) return;
