@@ -29,6 +29,7 @@ Color band_color(int band, int band_count) {
 
 std::vector<ImageView<const float>> views_of(const BandMaps& bands, int band_count) {
   std::vector<ImageView<const float>> views;
+  views.reserve(static_cast<std::size_t>(band_count));
   for (int band = 0; band < band_count; ++band) {
     views.push_back(bands[static_cast<std::size_t>(band)].view());
   }
@@ -178,6 +179,7 @@ Canvas draw_legend(const std::vector<LegendEntry>& entries, int least_height_px)
 std::vector<cv::Point2d> centred(const std::vector<ProfileSample>& samples, double peak_px,
                                  double period_px) {
   std::vector<cv::Point2d> points;
+  points.reserve(samples.size());
   for (const ProfileSample& sample : samples)
     points.push_back({std::remainder(sample.shift_px - peak_px, period_px), sample.reflectance});
   std::sort(points.begin(), points.end(),

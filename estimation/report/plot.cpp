@@ -74,7 +74,11 @@ std::vector<double> nice_ticks(Range range, int count) {
   const double slack = 1e-9 * (range.high - range.low);
   const double first = std::ceil((range.low - slack) / step);
   const double last = std::floor((range.high + slack) / step);
-  for (double i = first; i <= last; ++i) ticks.push_back(i == 0 ? 0.0 : i * step);
+  const int tick_count = static_cast<int>(last - first) + 1;
+  for (int i = 0; i < tick_count; ++i) {
+    const double multiple = first + i;
+    ticks.push_back(multiple == 0 ? 0.0 : multiple * step);  // never minus zero
+  }
   return ticks;
 }
 
@@ -234,6 +238,7 @@ void Axes::draw(Canvas& canvas, const std::string& x_label, const std::string& y
 
 void Axes::line(Canvas& canvas, const std::vector<cv::Point2d>& points, Color color) const {
   std::vector<cv::Point> px;
+  px.reserve(points.size());
   for (const cv::Point2d& point : points) px.push_back(sub_pixel(to_px(point)));
   cv::polylines(canvas, px, false, scalar(color), 2, cv::LINE_AA, kSubPixelBits);
 }
