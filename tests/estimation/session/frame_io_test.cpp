@@ -256,7 +256,7 @@ TEST(FrameIo, ACutFileSaysSo) {
   tiff.pop_back();
   expect_refused(read_bytes(tiff, manifest), "is truncated");
   std::vector<std::byte> png = encoded(bgr_of(frame, 16), ".png");
-  png.resize(png.size() - 3);
+  png.erase(png.end() - 3, png.end());  // GCC 12 misreads resize() under its sanitizers
   expect_refused(read_bytes(png, manifest), "is truncated");
   expect_refused(read_bytes({}, manifest), "is empty");
   expect_refused(read_bytes(bytes_of("a text"), manifest), "neither TIFF nor PNG");
