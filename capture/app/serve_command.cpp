@@ -76,16 +76,17 @@ class Daemon {
     }
     std::fprintf(stderr, "ssrig: open http://127.0.0.1:%d\n", (*server)->port());
     while (rig) {
-      serve(*rig, stop);
+      const bool is_display_there = serve(*rig, stop);
       rig.reset();  // the devices are let go before they are opened again
+      if (!is_display_there) return ExitCode::kDevice;  // a new process can have the next server
       if (!stop.stop_requested()) rig = open_again(stop);
     }
     return ExitCode::kDone;
   }
 
  private:
-  // Until `stop`, or until a device is lost.
-  void serve(OpenRig& rig, const std::stop_token& stop) {
+  // Until `stop`, or until a device is lost. False if it was the X server.
+  bool serve(OpenRig& rig, const std::stop_token& stop) {
     board_.update([&](DaemonSnapshot& snapshot) {
       snapshot.phase = DaemonPhase::kReady;
       snapshot.message = "Press capture.";
@@ -97,9 +98,10 @@ class Daemon {
       serve_requests(rig.devices(), is_over.get_token());
       is_over.request_stop();
     });
-    if (const auto served = rig.projector().run(is_over.get_token()); !served)
-      report_fault(served.error().detail);
+    const auto served = rig.projector().run(is_over.get_token());
+    if (!served) report_fault(served.error().detail);
     is_over.request_stop();
+    return served.has_value();
   }
 
   // The session thread. Returns on stop, or when a device is lost.

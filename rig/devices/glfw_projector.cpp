@@ -42,11 +42,10 @@ int log_x_error(Display* display, XErrorEvent* error) {
   return 0;
 }
 
-// Xlib's own ends the process, before the display's exit handler is asked.
-int log_lost_server(Display*) {
-  std::fputs("ssrig: projector: the X server went away\n", stderr);
-  return 0;
-}
+constexpr const char* kServerGone = "the X server went away; start it and ssrig again";
+
+// Xlib's own ends the process, before the display's exit handler is asked, which tells the window.
+int ignore_lost_server(Display*) { return 0; }
 
 std::string glfw_error_text() {
   const char* text = nullptr;
@@ -357,6 +356,8 @@ class GlfwProjector::Window {
 
 Result<std::unique_ptr<GlfwProjector::Window>> GlfwProjector::Window::open(
     const ProjectorSettings& settings) {
+  // Whoever lost his server could not end GLFW, and it cannot be used again.
+  if (glfwGetX11Display() != nullptr) return failure(Fault::kDeviceLost, kServerGone);
   XSetErrorHandler(log_x_error);
   if (glfwInit() != GLFW_TRUE)
     return failure(Fault::kNotFound,
@@ -370,6 +371,7 @@ Result<std::unique_ptr<GlfwProjector::Window>> GlfwProjector::Window::open(
     return tl::unexpected(prepared.error());
   window->report_.is_gamma_identity = window->make_gamma_identity(find_monitor(settings.monitor));
   window->measure_swaps();
+  if (window->is_server_gone()) return failure(Fault::kDeviceLost, kServerGone);
   return window;
 }
 
@@ -404,7 +406,7 @@ Result<void> GlfwProjector::Window::create() {
     return failure(Fault::kUnsupported, "no OpenGL 3.3 window on monitor " + settings_.monitor +
                                             ": " + glfw_error_text());
   XSetErrorHandler(log_x_error);  // GLFW 3.3 leaves Xlib's own behind
-  XSetIOErrorHandler(log_lost_server);
+  XSetIOErrorHandler(ignore_lost_server);
   // The display's owner is told, instead of the process being ended, when the server dies.
   XSetIOErrorExitHandler(
       glfwGetX11Display(),
@@ -679,9 +681,10 @@ Result<void> GlfwProjector::run(const std::stop_token& stop) {
     }
     glfwWaitEventsTimeout(kEventWait_s);
   }
-  requests_->enter(Requests::State::kClosed, "the projector's window is closed");
+  requests_->enter(Requests::State::kClosed,
+                   window_->is_server_gone() ? kServerGone : "the projector's window is closed");
   if (window_->is_server_gone()) {
-    const Error lost{Fault::kDeviceLost, "the X server went away; start it and ssrig again"};
+    const Error lost{Fault::kDeviceLost, kServerGone};
     sink_.post(DeviceFault{Device::kProjector, lost});
     return tl::unexpected(lost);
   }

@@ -24,6 +24,11 @@ TEST(GlfwProjector, DeadXServerIsAFaultAndNotTheEndOfTheProcess) {
   ASSERT_TRUE(event);
   ASSERT_TRUE(std::holds_alternative<rig::DeviceFault>(*event));
   EXPECT_FALSE((*projector)->show({.show_id = 1}));
+
+  projector->reset();
+  const auto again = rig::GlfwProjector::open(display_test::projector_settings(), events);
+  ASSERT_FALSE(again);
+  EXPECT_EQ(again.error().fault, rig::Fault::kDeviceLost);
 }
 
 }  // namespace
