@@ -435,8 +435,9 @@ void Estimator::Implementation::fit_bands(const Surface& surface,
   const PatternRate* white = fully_lit();
   if (!stripes) {
     notes_.push_back(
-        "no stripes with enough shifts: sigma_a, sigma_s_prime, translucency and indirect were not "
-        "computed");
+        "no stripes with enough shifts along a decoded axis: sigma_a, sigma_s_prime, translucency "
+        "and "
+        "indirect were not computed");
     if (white == nullptr) {
       notes_.push_back("no white pattern either: diffuse_reflectance was not computed");
       return;

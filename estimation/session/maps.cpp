@@ -257,6 +257,9 @@ Result<void> write_maps(const fs::path& folder, const Maps& maps) {
   Result<void> written;
   if (error) written = tl::unexpected(unwritable(staging, error));
   if (written) written = write_all(staging, maps);
+  // A person looks for the map, not for our folder.
+  if (!written)
+    written.error().file = (folder / fs::path(written.error().file).filename()).string();
   if (written) written = replace_maps(folder, staging, map_names(maps));
   fs::remove_all(staging, error);
   if (!written && is_new) fs::remove(folder, error);  // only if empty
