@@ -35,6 +35,7 @@ ProfileMatcher::ProfileMatcher(const StripeSet& stripes, int greatest_harmonic_c
       harmonic_count_(static_cast<std::size_t>(greatest_harmonic_count)),
       is_even_(metric == Metric::kFastest && are_evenly_spaced(stripes)) {
   const std::size_t count = shifts_px_.size();
+  check(count > 0, "stripes of at least one shift");
   predicted_.resize(count);
   harmonics_.reserve(harmonic_count_);
   basis_re_.resize(is_even_ ? harmonic_count_ : harmonic_count_ * count);
@@ -61,6 +62,7 @@ void ProfileMatcher::load(std::span<const double> samples, double position_px,
   check(samples.size() == shifts_px_.size() && contrast.size() == harmonic_count_,
         "a sample for each shift, a contrast for each harmonic");
   const std::size_t count = samples.size();
+  check(count > 0, "at least one sample");
   samples_.assign(samples.begin(), samples.end());
   mean_ = 0;
   for (const double sample : samples) mean_ += sample;
