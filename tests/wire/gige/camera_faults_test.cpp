@@ -346,19 +346,19 @@ rig::CameraSettings changed(const Change& change) {
 
 INSTANTIATE_TEST_SUITE_P(
     Wire, WrongSettings,
-    testing::Values(WrongSetting{"Serial", changed([](auto& s) { s.serial = "OTHER"; }),
-                                 rig::Fault::kNotFound, "has serial number SIM0001"},
-                    WrongSetting{"PixelFormat",
-                                 changed([](auto& s) { s.pixel_format = "BayerXX12"; }),
-                                 rig::Fault::kUnsupported, "PixelFormat to BayerXX12"},
-                    WrongSetting{"Width", changed([](auto& s) { s.width_px = 65; }),
-                                 rig::Fault::kOutOfRange, "Width to 65"},
-                    WrongSetting{"Offset", changed([](auto& s) { s.offset_y_px = 1; }),
-                                 rig::Fault::kOutOfRange, "OffsetY to 1"},
-                    WrongSetting{"PacketSize", changed([](auto& s) { s.packet_size_bytes = 100; }),
-                                 rig::Fault::kOutOfRange, "packet size"},
-                    WrongSetting{"TriggerLine", changed([](auto& s) { s.trigger_line = "Line7"; }),
-                                 rig::Fault::kUnsupported, "TriggerSource Line7"}),
+    testing::Values(
+        WrongSetting{"Serial", changed([](auto& s) { s.serial = "OTHER"; }), rig::Fault::kNotFound,
+                     "has serial number SIM0001"},
+        WrongSetting{"PixelFormat", changed([](auto& s) { s.pixel_format = "BayerXX12"; }),
+                     rig::Fault::kUnsupported, "has no pixel format BayerXX12 but BayerRG12"},
+        WrongSetting{"Width", changed([](auto& s) { s.width_px = 65; }), rig::Fault::kOutOfRange,
+                     "takes Width from 1 to 64 px here, not 65"},
+        WrongSetting{"Offset", changed([](auto& s) { s.offset_y_px = 1; }), rig::Fault::kOutOfRange,
+                     "OffsetY to 1"},
+        WrongSetting{"PacketSize", changed([](auto& s) { s.packet_size_bytes = 100; }),
+                     rig::Fault::kOutOfRange, "packet size"},
+        WrongSetting{"TriggerLine", changed([](auto& s) { s.trigger_line = "Line7"; }),
+                     rig::Fault::kUnsupported, "TriggerSource Line7"}),
     [](const auto& made) { return made.param.name; });
 
 TEST(GigeDevice, TakenAddressFailsLoudly) {
