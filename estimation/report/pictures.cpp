@@ -47,7 +47,7 @@ std::string median_text(ImageView<const float> image) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   std::array<char, 48> text{};
-  std::snprintf(text.data(), text.size(), "median %.3g", double{*middle});
+  std::snprintf(text.data(), text.size(), "median %.4g", double{*middle});
   return text.data();
 }
 
