@@ -1,0 +1,127 @@
+// The whole product on the in-process rig: a simulated face captured on the virtual clock, its maps
+// held against the world's own truth.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <sstream>
+#include <string>
+
+#include "capture/capture_job.h"
+#include "estimation/session/manifest.h"
+#include "hw_sim/devices/in_process_rig.h"
+#include "hw_sim/world/head_world.h"
+#include "hw_sim/world/judge.h"
+
+namespace capture {
+namespace {
+
+namespace fs = std::filesystem;
+
+// tests/wire/rig's small rig with the exposures of config/simulated.toml, where the long one clips.
+rig::RigFile small_rig() {
+  auto rig_file = rig::read_rig_file(fs::path(SMALL_RIG));
+  EXPECT_TRUE(rig_file) << rig_file.error().detail;
+  rig_file->sequence.exposures = {std::chrono::microseconds(16667),
+                                  std::chrono::microseconds(66667)};
+  rig_file->sequence.is_shuffled = true;
+  return *rig_file;
+}
+
+std::unique_ptr<hw_sim::HeadWorld> make_face(const rig::RigFile& rig_file, bool has_indirect) {
+  std::ifstream file(rig_file.calibration_file);
+  const std::string json((std::istreambuf_iterator<char>(file)), {});
+  const auto calibration = estimation::parse_calibration(json, rig_file.calibration_file.string());
+  EXPECT_TRUE(calibration) << calibration.error().text();
+  estimation::CameraInfo camera;
+  camera.width_px = rig_file.camera.width_px;
+  camera.height_px = rig_file.camera.height_px;
+  camera.pixel_format = *estimation::parse_pixel_format(rig_file.camera.pixel_format);
+  camera.black_level_dn = rig_file.sensor.black_level_dn;
+  camera.saturation_level_dn = rig_file.sensor.saturation_level_dn;
+  camera.gain_e_per_dn = rig_file.sensor.gain_e_per_dn;
+  camera.read_noise_e = rig_file.sensor.read_noise_e;
+  const estimation::ProjectorInfo projector{.width_px = rig_file.projector.width_px,
+                                            .height_px = rig_file.projector.height_px,
+                                            .sync_square = {}};
+  auto world = hw_sim::HeadWorld::create(camera, projector, *calibration,
+                                         {.name = "face_female",
+                                          .has_indirect = has_indirect,
+                                          .seed = 7,
+                                          .thread_count = 0,
+                                          .cache_folder = {}});
+  EXPECT_TRUE(world) << world.error().detail;
+  return std::move(*world);
+}
+
+class FaceCapture : public testing::TestWithParam<bool> {
+ protected:
+  FaceCapture() {
+    std::string name = (fs::temp_directory_path() / "ssrig-face.XXXXXX").string();
+    folder_ = mkdtemp(name.data());
+  }
+  ~FaceCapture() override { fs::remove_all(folder_); }
+
+  CaptureResult capture(const hw_sim::World& world, const std::string& name) const {
+    CaptureOptions options;
+    options.directory = folder_ / name;
+    options.created = std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
+    const auto job = CaptureJob::prepare(rig_file_, options);
+    EXPECT_TRUE(job) << job.error().message;
+    hw_sim::InProcessRig rig(
+        world, {rig_file_.projector, rig_file_.trigger, rig_file_.camera, {}, {}, {}});
+    return job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
+  }
+
+  static std::map<std::string, std::string> files_of(const fs::path& folder) {
+    std::map<std::string, std::string> files;
+    for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+      if (!entry.is_regular_file()) continue;
+      std::ifstream file(entry.path(), std::ios::binary);
+      files[entry.path().lexically_relative(folder).string()] = {
+          std::istreambuf_iterator<char>(file), {}};
+    }
+    return files;
+  }
+
+  fs::path folder_;
+  rig::RigFile rig_file_ = small_rig();
+};
+
+TEST_P(FaceCapture, MapsAreTheTruthWithinThePapersMethod) {
+  const auto world = make_face(rig_file_, GetParam());
+  const CaptureResult result = capture(*world, "a");
+  ASSERT_EQ(result.exit_code, ExitCode::kDone) << result.message;
+  ASSERT_TRUE(world->write_truth(folder_ / "truth"));
+  const auto report = hw_sim::judge(result.session / "maps", folder_ / "truth");
+  ASSERT_TRUE(report) << report.error().text();
+  std::printf("indirect light %s\n%s", GetParam() ? "on" : "off", report->table().c_str());
+  ASSERT_GT(report->smooth_skin.pixel_count, 500);
+  for (const auto& band : report->smooth_skin.bands) {
+    EXPECT_GT(band.valid_frac, 0.99);
+    // The paper's method is asked for 15% in l_d and 8% in R_d; here it makes 0.5% and 0.3%.
+    EXPECT_LT(band.translucency.median, 0.02);
+    EXPECT_LT(band.sigma_a.median, 0.03);
+    EXPECT_LT(band.sigma_s_prime.median, 0.02);
+    EXPECT_LT(band.diffuse_reflectance.median, 0.01);
+  }
+  EXPECT_LT(report->smooth_skin.position_mm.median, 0.1);
+  EXPECT_LT(report->smooth_skin.normal_deg.median, 1.0);
+}
+
+INSTANTIATE_TEST_SUITE_P(IndirectLight, FaceCapture, testing::Bool());
+
+TEST_F(FaceCapture, SameSeedIsTheSameSessionToTheByte) {
+  const auto world = make_face(rig_file_, true);
+  const CaptureResult first = capture(*world, "a");
+  const CaptureResult second = capture(*make_face(rig_file_, true), "b");
+  ASSERT_EQ(first.exit_code, ExitCode::kDone) << first.message;
+  const auto files = files_of(first.session);
+  EXPECT_GT(files.size(), 176U);
+  EXPECT_EQ(files, files_of(second.session));
+}
+
+}  // namespace
+}  // namespace capture
