@@ -376,7 +376,13 @@ UsbfsDevice::Core::Answer UsbfsDevice::Core::answer(UMockdevIoctlClient* client)
     case USBDEVFS_DISCONNECT_CLAIM:
     case USBDEVFS_CLAIMINTERFACE: {
       const std::lock_guard lock(mutex_);
-      return is_refusing_claims_ ? Answer{-1, EBUSY} : Answer{};
+      if (is_refusing_claims_) return {-1, EBUSY};
+      // It has one user. umockdev does not always notice that a killed one has gone, whose
+      // transfers would swallow this one's data.
+      for (auto& [key, other] : clients_)
+        if (key != client) other = Client{};
+      update_node();
+      return {};
     }
     case USBDEVFS_RELEASEINTERFACE:
     case USBDEVFS_SETINTERFACE:
