@@ -268,12 +268,14 @@ Result<void> LibusbTrigger::arm(const std::vector<std::chrono::microseconds>& pu
   }
   if (const auto configured = configure(pulse_widths); !configured) return configured;
   if (const auto synchronised = synchronise_clock(); !synchronised) return synchronised;
+  const auto wire_id = fresh_wire_id(run_id);
+  if (!wire_id) return tl::unexpected(wire_id.error());
   {
     const std::lock_guard lock(mutex_);
-    run_.emplace(run_id);
-    run_id_ = run_id;
+    run_.emplace(*wire_id);
+    run_id_ = *wire_id;
   }
-  const auto armed = request_out(Request::kArm, tb1::wire_run_id(run_id), {});
+  const auto armed = request_out(Request::kArm, *wire_id, {});
   is_armed_ = armed.has_value();
   if (armed) return {};
   // It may have come through all the same.
@@ -283,6 +285,18 @@ Result<void> LibusbTrigger::arm(const std::vector<std::chrono::microseconds>& pu
   Error error = armed.error();
   if (!disarmed) error.detail += "; until then it may be armed";
   return tl::unexpected(std::move(error));
+}
+
+// Another program, killed while armed, may have used the same id: the last records of its run,
+// still under way, would pass for this one's, and its end for ours.
+Result<std::uint16_t> LibusbTrigger::fresh_wire_id(std::uint32_t run_id) {
+  const auto bytes = request_in(Request::kGetStatus, tb1::kStatusBytes);
+  if (!bytes) return tl::unexpected(bytes.error());
+  const auto status = tb1::decode_status(*bytes);
+  if (!status) return tl::unexpected(status.error());
+  const std::uint16_t wire_id = tb1::wire_run_id(run_id);
+  if (wire_id != status->run_id) return wire_id;
+  return static_cast<std::uint16_t>(wire_id % 0xFFFF + 1);  // never 0, which is no run
 }
 
 Result<void> LibusbTrigger::configure(const std::vector<std::chrono::microseconds>& pulse_widths) {
@@ -556,7 +570,7 @@ void LibusbTrigger::take_record(const tb1::Record& record) {
     const std::lock_guard lock(mutex_);
     if (!run_) return;
     events = run_->read(record, clock_);
-    if (record.type == RecordType::kDisarmed && record.run_id == tb1::wire_run_id(run_id_)) {
+    if (record.type == RecordType::kDisarmed && record.run_id == run_id_) {
       run_.reset();
       run_ended_.notify_all();
     }

@@ -121,6 +121,7 @@ class LibusbTrigger final : public Trigger {
   Error submit_error(tb1::Request request, int code);
   Error transfer_error(tb1::Request request, int status);
   Error gone();
+  Result<std::uint16_t> fresh_wire_id(std::uint32_t run_id);
   Result<void> configure(const std::vector<std::chrono::microseconds>& pulse_widths);
   Result<void> synchronise_clock();
 
@@ -164,7 +165,7 @@ class LibusbTrigger final : public Trigger {
   std::condition_variable answered_;
   ClockMap<BoxClock> clock_;              // guarded by mutex_, as all below
   std::optional<tb1::RecordReader> run_;  // while armed
-  std::uint32_t run_id_ = 0;
+  std::uint16_t run_id_ = 0;              // as it travels
   bool is_stopping_ = false;
   bool is_lost_ = false;
 
