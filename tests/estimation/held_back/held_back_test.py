@@ -9,6 +9,7 @@ import json
 import math
 import os
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -166,6 +167,11 @@ class HeldBack(unittest.TestCase):
             self.estimate()
             for band in self.maps()["validity"].values():
                 self.assertTrue(all(int(v) & ERRORS for v in band), size)
+            # A line of pixels makes no picture of a line's length times the page's width.
+            report = os.path.join(self.session, "report")
+            for name in os.listdir(report):
+                with open(os.path.join(report, name), "rb") as file:
+                    self.assertLess(max(struct.unpack(">II", file.read(24)[16:])), 3000, name)
             shutil.rmtree(self.session)
 
     def test_dark_and_bright_frames_hold_nothing_and_say_why(self):
