@@ -59,20 +59,22 @@ class Daemon {
       : rig_file_(std::move(rig_file)), estimator_(std::move(estimator)) {}
 
   ExitCode run(int port, const std::stop_token& stop) {
+    board_.update([this](DaemonSnapshot& snapshot) {
+      snapshot.rig_file = std::filesystem::weakly_canonical(rig_file_.path).string();
+      snapshot.rig_name = rig_file_.name;
+      snapshot.message = "Opening the devices.";
+    });
+    // The port first: a second daemon is told so before it disturbs the first one's devices.
+    const auto server = HttpServer::start(port, board_, desk_);
+    if (!server) {
+      complain(server.error().detail);
+      return ExitCode::kUsage;
+    }
     std::vector<std::string> problems;
     std::unique_ptr<OpenRig> rig = OpenRig::open(rig_file_, problems);
     if (!rig) {
       for (const std::string& problem : problems) complain(problem);
       return ExitCode::kDevice;
-    }
-    board_.update([this](DaemonSnapshot& snapshot) {
-      snapshot.rig_file = std::filesystem::weakly_canonical(rig_file_.path).string();
-      snapshot.rig_name = rig_file_.name;
-    });
-    const auto server = HttpServer::start(port, board_, desk_);
-    if (!server) {
-      complain(server.error().detail);
-      return ExitCode::kUsage;
     }
     std::fprintf(stderr, "ssrig: open http://127.0.0.1:%d\n", (*server)->port());
     while (rig) {
