@@ -40,6 +40,7 @@ auto map_files(AnyMaps& maps, int band_count) {
   using Pixels = std::remove_reference_t<decltype((maps.position_sd_mm))>;
   const auto by_band = [&](auto& bands, const std::string& prefix) {
     std::vector<Plane<Pixels>> planes;
+    planes.reserve(static_cast<std::size_t>(band_count));
     for (int band = 0; band < band_count; ++band) {
       planes.push_back(
           {prefix + band_name(band, band_count), &bands[static_cast<std::size_t>(band)]});

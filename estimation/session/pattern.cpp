@@ -107,6 +107,7 @@ Image<unsigned char> render_pattern(const PatternKind& kind, int height_px, int 
 
 std::vector<Pattern> paper_patterns() {
   std::vector<Pattern> patterns;
+  patterns.reserve(88);
   for (int shift_px = 0; shift_px < 40; ++shift_px) {
     patterns.push_back(
         {.index = shift_px,

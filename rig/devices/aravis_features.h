@@ -9,6 +9,7 @@
 #include "rig/fault.h"
 
 struct _ArvCamera;
+// NOLINTNEXTLINE(bugprone-reserved-identifier): the name that GLib gave it
 struct _GError;
 
 namespace rig {
