@@ -97,7 +97,7 @@ Register locked(Register row) {
 }
 
 std::vector<Register> bootstrap_registers() {
-  using enum Access;
+  using enum Register::Access;
   return {
       hidden(kVersion, 0x18, kReadOnly),
       hidden(kCurrentAddress, 4, kReadOnly),

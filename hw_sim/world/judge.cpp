@@ -182,9 +182,11 @@ nlohmann::ordered_json to_json(const ErrorStats& stats) {
 nlohmann::ordered_json to_json(const SetErrors& errors) {
   nlohmann::ordered_json json;
   json["pixel_count"] = errors.pixel_count;
-  for (std::size_t band = 0; band < static_cast<std::size_t>(errors.band_count); ++band) {
+  const std::size_t band_count =
+      std::min(static_cast<std::size_t>(errors.band_count), errors.bands.size());
+  for (std::size_t band = 0; band < band_count; ++band) {
     const BandErrors& b = errors.bands[band];
-    json[errors.band_count == 1 ? "mono" : kBandNames[band]] = {
+    json[band_count == 1 ? "mono" : kBandNames[band]] = {
         {"sigma_a_rel", to_json(b.sigma_a)},
         {"sigma_s_prime_rel", to_json(b.sigma_s_prime)},
         {"translucency_rel", to_json(b.translucency)},
