@@ -57,13 +57,14 @@ std::unique_ptr<hw_sim::HeadWorld> make_face(const rig::RigFile& rig_file, bool 
 }
 
 class FaceCapture : public testing::TestWithParam<bool> {
- protected:
+ public:
   FaceCapture() {
     std::string name = (fs::temp_directory_path() / "ssrig-face.XXXXXX").string();
     folder_ = mkdtemp(name.data());
   }
   ~FaceCapture() override { fs::remove_all(folder_); }
 
+ protected:
   CaptureResult capture(const hw_sim::World& world, const std::string& name) const {
     CaptureOptions options;
     options.directory = folder_ / name;

@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <fstream>
 #include <optional>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -26,6 +27,11 @@ using std::chrono::seconds;
 constexpr auto kCaptureLimit = seconds(240);
 constexpr int kAbortCount = 5;
 
+std::string text_of(const char* variable) {
+  const char* value = std::getenv(variable);
+  return value == nullptr ? "" : value;
+}
+
 double wall_clock_ms() {
   return std::chrono::duration<double, std::milli>(
              std::chrono::system_clock::now().time_since_epoch())
@@ -37,7 +43,7 @@ class BlackWatch {
  public:
   BlackWatch() {
     auto started = hw_sim::ScreenGrabber::start(
-        {.display = std::getenv("DISPLAY")}, light_,
+        {.display = text_of("DISPLAY")}, light_,
         [this](const std::shared_ptr<const hw_sim::Picture>& picture) {
           const bool is_black = std::ranges::all_of(picture->brightness.samples(),
                                                     [](unsigned char value) { return value == 0; });
@@ -66,7 +72,7 @@ class BlackWatch {
 };
 
 class RigPage : public testing::Test {
- protected:
+ public:
   RigPage() {
     std::filesystem::remove_all(rig_file_->storage.directory);
     auto started = hw_sim::ChildProcess::start(
@@ -91,6 +97,7 @@ class RigPage : public testing::Test {
         << "the daemon ends with 0 on SIGTERM";
   }
 
+ protected:
   void press_capture_and_wait_for(int slot_count) {
     ASSERT_TRUE(browser_.wait_until("!document.getElementById('capture').disabled", seconds(60)));
     browser_.click("#capture");

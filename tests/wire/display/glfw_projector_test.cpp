@@ -243,7 +243,9 @@ TEST(GlfwProjector, WrongSizeIsNamedWithBothSizes) {
 }
 
 TEST(GlfwProjector, MissingXServerIsNamedWithTheRemedy) {
-  const std::string display = std::getenv("DISPLAY");
+  const char* present = std::getenv("DISPLAY");
+  ASSERT_NE(present, nullptr);
+  const std::string display = present;
   unsetenv("DISPLAY");
   const rig::Error error = open_error(projector_settings());
   setenv("DISPLAY", display.c_str(), 1);
