@@ -45,8 +45,6 @@ Incident incident_of(rig::Fault fault) {
     case rig::Fault::kTimeout:   // an answer or a heartbeat came late: a lost device says so
     case rig::Fault::kProtocol:  // a read failed and was repeated
       return Incident::kDataLost;
-    case rig::Fault::kTriggerIgnored:
-      return Incident::kEdgeDuringExposure;
     case rig::Fault::kFrameIncomplete:
     case rig::Fault::kFrameMalformed:
       return Incident::kFrameDamaged;
@@ -59,8 +57,6 @@ Incident incident_of(rig::Fault fault) {
     case rig::Fault::kOutOfRange:
     case rig::Fault::kReadBackMismatch:
     case rig::Fault::kUnsupported:
-    case rig::Fault::kCancelled:
-    case rig::Fault::kTimingUnstable:
     case rig::Fault::kConfiguration:
       return Incident::kDeviceRefused;
   }

@@ -18,8 +18,6 @@ std::string_view to_string(Fault fault) {
       return "unsupported";
     case Fault::kTimeout:
       return "timeout";
-    case Fault::kCancelled:
-      return "cancelled";
     case Fault::kDeviceLost:
       return "device lost";
     case Fault::kFrameIncomplete:
@@ -28,14 +26,10 @@ std::string_view to_string(Fault fault) {
       return "frame malformed";
     case Fault::kSequenceGap:
       return "sequence gap";
-    case Fault::kTriggerIgnored:
-      return "trigger ignored";
     case Fault::kProtocol:
       return "protocol";
     case Fault::kDisplayChanged:
       return "display changed";
-    case Fault::kTimingUnstable:
-      return "timing unstable";
     case Fault::kConfiguration:
       return "configuration";
   }

@@ -16,15 +16,12 @@ enum class Fault {
   kReadBackMismatch,  // a setting did not take
   kUnsupported,       // the device lacks a feature that the rig file asks for
   kTimeout,           // nothing came before the deadline
-  kCancelled,         // a stop was requested
   kDeviceLost,        // terminal: destroy and open anew
   kFrameIncomplete,   // packets missing
   kFrameMalformed,    // wrong size, geometry, format or chunks
   kSequenceGap,       // the device's own counter skipped: data were lost
-  kTriggerIgnored,    // an edge or pulse came while the device was busy
   kProtocol,          // an answer that the protocol does not allow
   kDisplayChanged,    // monitor gone, or its mode or gamma changed
-  kTimingUnstable,    // swap intervals are not those of the monitor
   kConfiguration      // the rig file is wrong
 };
 
