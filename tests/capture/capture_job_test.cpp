@@ -10,12 +10,12 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
-#include <map>
 #include <string>
 
 #include "capture/results.h"
 #include "estimation/session/frame_io.h"
 #include "estimation/session/verify.h"
+#include "tests/capture/folder_files.h"
 #include "tests/capture/ledger_rig.h"
 
 namespace capture {
@@ -67,17 +67,6 @@ class CaptureJobTest : public testing::Test {
     return job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, stop,
                     on_progress);
   }
-  static std::map<std::string, std::string> files_of(const fs::path& folder) {
-    std::map<std::string, std::string> files;
-    for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-      if (!entry.is_regular_file()) continue;
-      std::ifstream file(entry.path(), std::ios::binary);
-      files[entry.path().lexically_relative(folder).string()] = {
-          std::istreambuf_iterator<char>(file), {}};
-    }
-    return files;
-  }
-
   fs::path root_;
   rig::RigFile rig_file_;
   CaptureOptions options_;

@@ -5,7 +5,6 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
-#include <map>
 #include <sstream>
 #include <string>
 
@@ -14,6 +13,7 @@
 #include "hw_sim/devices/in_process_rig.h"
 #include "hw_sim/world/head_world.h"
 #include "hw_sim/world/judge.h"
+#include "tests/capture/folder_files.h"
 
 namespace capture {
 namespace {
@@ -74,17 +74,6 @@ class FaceCapture : public testing::TestWithParam<bool> {
     hw_sim::InProcessRig rig(
         world, {rig_file_.projector, rig_file_.trigger, rig_file_.camera, {}, {}, {}});
     return job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
-  }
-
-  static std::map<std::string, std::string> files_of(const fs::path& folder) {
-    std::map<std::string, std::string> files;
-    for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-      if (!entry.is_regular_file()) continue;
-      std::ifstream file(entry.path(), std::ios::binary);
-      files[entry.path().lexically_relative(folder).string()] = {
-          std::istreambuf_iterator<char>(file), {}};
-    }
-    return files;
   }
 
   fs::path folder_;
