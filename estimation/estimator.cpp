@@ -199,7 +199,7 @@ bool is_fine_sweep(const StripeSet& stripes) {
 Result<void> EstimatorOptions::validate() const {
   std::vector<std::string> problems;
   if (method != "lut") problems.push_back("method is '" + method + "'; known is: lut");
-  if (const auto made = make_scattering_model(model, eta); !made)
+  if (const auto made = make_scattering_model(model, {.eta = eta}); !made)
     problems.push_back(made.error().text());
   if (thread_count < 0)
     problems.push_back("thread_count is " + std::to_string(thread_count) +
@@ -528,7 +528,7 @@ Result<std::unique_ptr<Estimator>> Estimator::create(const Manifest& manifest,
   if (const auto valid = options.validate(); !valid) return tl::unexpected(valid.error());
   auto auxiliary = read_auxiliary(manifest, session);
   if (!auxiliary) return tl::unexpected(auxiliary.error());
-  auto model = make_scattering_model(options.model, options.eta);
+  auto model = make_scattering_model(options.model, {.eta = options.eta});
   if (!model) return tl::unexpected(model.error());
   auto implementation =
       std::make_unique<Implementation>(manifest, options, std::move(*auxiliary), std::move(*model));

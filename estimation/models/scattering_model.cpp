@@ -1,15 +1,22 @@
 #include "estimation/models/scattering_model.h"
 
+#include <algorithm>
+
 #include "estimation/models/dipole.h"
 
 namespace estimation {
 
+void ScatteringModel::direction_factors(double, std::span<const double>, const Directions&,
+                                        std::span<std::complex<double>> out) const {
+  std::fill(out.begin(), out.end(), std::complex<double>(1, 0));
+}
+
 Result<std::unique_ptr<ScatteringModel>> make_scattering_model(const std::string& name,
-                                                               double eta) {
-  if (!(eta >= 1 && eta <= 2))
+                                                               const MediumOptions& medium) {
+  if (!(medium.eta >= 1 && medium.eta <= 2))
     return tl::unexpected(InputError{InputFault::kInvalid, "", "eta",
-                                     "is " + std::to_string(eta) + "; expected 1 to 2"});
-  if (name == "dipole") return std::make_unique<Dipole>(eta);
+                                     "is " + std::to_string(medium.eta) + "; expected 1 to 2"});
+  if (name == "dipole") return std::make_unique<Dipole>(medium.eta);
   return tl::unexpected(
       InputError{InputFault::kInvalid, "", "model", "is '" + name + "'; known is: dipole"});
 }

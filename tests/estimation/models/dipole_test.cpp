@@ -178,12 +178,12 @@ TEST(Dipole, Table2TranslucencyIsEquation6) {
 }
 
 TEST(ScatteringModel, UnknownNamesAndIndicesAreRefused) {
-  EXPECT_TRUE(make_scattering_model("dipole", 1.4));
-  const auto unknown = make_scattering_model("tripole", 1.4);
+  EXPECT_TRUE(make_scattering_model("dipole", {}));
+  const auto unknown = make_scattering_model("tripole", {});
   ASSERT_FALSE(unknown);
   EXPECT_NE(unknown.error().text().find("tripole"), std::string::npos);
-  EXPECT_FALSE(make_scattering_model("dipole", 0.9));
-  EXPECT_FALSE(make_scattering_model("dipole", std::nan("")));
+  EXPECT_FALSE(make_scattering_model("dipole", {.eta = 0.9}));
+  EXPECT_FALSE(make_scattering_model("dipole", {.eta = std::nan("")}));
 }
 
 }  // namespace
