@@ -1,15 +1,18 @@
 #include "estimation/radiometry/merge.h"
 
+#include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <span>
+
+#include "estimation/radiometry/merge_row.h"
 
 namespace estimation {
 namespace {
 
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+constexpr int kRowsAtOnce = 32;
 
 // By exposure, so that the sums do not depend on the order of arrival. Equal exposures share their
 // black, and sums of two such numbers commute; callers with three or more keep the manifest's
@@ -20,6 +23,32 @@ std::vector<ExposedFrame> in_fixed_order(std::span<const ExposedFrame> frames) {
                    [](const auto& a, const auto& b) { return a.exposure_us < b.exposure_us; });
   return sorted;
 }
+
+// The rows of a bracket's frames with their black, one row at a time.
+class BracketRows {
+ public:
+  BracketRows(std::span<const ExposedFrame> frames, const CameraBlack& black, std::size_t width)
+      : frames_(frames), black_(black), width_(width), black_dn_(frames.size() * width) {}
+
+  std::span<const ExposedRow> at(int row) {
+    rows_.clear();
+    for (std::size_t i = 0; i < frames_.size(); ++i) {
+      const std::span<float> black_dn{black_dn_.data() + i * width_, width_};
+      black_.row(frames_[i].exposure_us, row, black_dn);
+      rows_.push_back({.dn = frames_[i].dn.row(row).data(),
+                       .black_dn = black_dn.data(),
+                       .exposure_us = static_cast<float>(frames_[i].exposure_us)});
+    }
+    return rows_;
+  }
+
+ private:
+  std::span<const ExposedFrame> frames_;
+  const CameraBlack& black_;
+  std::size_t width_;
+  std::vector<float> black_dn_;  // [frame][width]
+  std::vector<ExposedRow> rows_;
+};
 
 }  // namespace
 
@@ -73,6 +102,11 @@ void CameraBlack::row(double exposure_us, int row, std::span<float> out) const {
   const std::span<const float> upper = darks_[pair.upper].dn.view().row(row);
   check(lower.size() == out.size(), "dark frames have the frames' size");
   const float fraction = static_cast<float>(pair.fraction);
+  if (pair.fraction == 0 || pair.fraction == 1) {  // a dark of this very exposure: half the memory
+    const std::span<const float> dark = pair.fraction == 0 ? lower : upper;
+    std::copy(dark.begin(), dark.end(), out.begin());
+    return;
+  }
   for (std::size_t i = 0; i < out.size(); ++i) out[i] = lower[i] + fraction * (upper[i] - lower[i]);
 }
 
@@ -85,34 +119,29 @@ double CameraBlack::mean_dn(double exposure_us) const {
 Image<float> merge_brackets(std::span<const ExposedFrame> frames, const CameraBlack& black,
                             double saturation_dn, ImageView<const float> flat_field) {
   check(!frames.empty(), "a bracket has at least one frame");
-  const std::vector<ExposedFrame> sorted = in_fixed_order(frames);
-  const ImageView<const std::uint16_t>& like = sorted.front().dn;
+  const ImageView<const std::uint16_t>& like = frames.front().dn;
   Image<float> rate(like.height_px, like.width_px, like.channel_count);
-  tbb::parallel_for(0, like.height_px, [&](int row) {
-    const std::span<float> out = rate.view().row(row);
-    std::vector<float> black_dn(out.size());
-    std::vector<double> sum_dn(out.size(), 0), sum_us(out.size(), 0);
-    for (const ExposedFrame& frame : sorted) {
-      const std::span<const std::uint16_t> dn = frame.dn.row(row);
-      check(dn.size() == out.size(), "frames of one bracket have one size");
-      black.row(frame.exposure_us, row, black_dn);
-      for (std::size_t i = 0; i < out.size(); ++i) {
-        const bool usable = dn[i] < saturation_dn;
-        sum_dn[i] += usable ? static_cast<double>(dn[i]) - static_cast<double>(black_dn[i]) : 0.0;
-        sum_us[i] += usable ? frame.exposure_us : 0.0;
-      }
-    }
-    for (std::size_t i = 0; i < out.size(); ++i)
-      out[i] = sum_us[i] > 0 ? static_cast<float>(sum_dn[i] / sum_us[i]) : kNan;
-    if (flat_field.empty()) return;
-    const auto channels = static_cast<std::size_t>(like.channel_count);
-    const std::span<const float> flat = flat_field.row(row);
-    for (std::size_t i = 0; i < out.size(); ++i) {
-      const float gain = flat[i / channels];
-      out[i] = gain > 0 ? out[i] / gain : kNan;
+  merge_brackets_into(frames, black, saturation_dn, flat_field, rate.view());
+  return rate;
+}
+
+void merge_brackets_into(std::span<const ExposedFrame> frames, const CameraBlack& black,
+                         double saturation_dn, ImageView<const float> flat_field,
+                         ImageView<float> rate) {
+  check(!frames.empty(), "a bracket has at least one frame");
+  const std::vector<ExposedFrame> sorted = in_fixed_order(frames);
+  for (const ExposedFrame& frame : sorted)
+    check(frame.dn.height_px == rate.height_px && frame.dn.width_px == rate.width_px &&
+              frame.dn.channel_count == rate.channel_count,
+          "frames of one bracket have one size");
+  tbb::parallel_for(tbb::blocked_range<int>(0, rate.height_px, kRowsAtOnce), [&](const auto& rows) {
+    BracketRows bracket(sorted, black, rate.row(0).size());
+    for (int row = rows.begin(); row < rows.end(); ++row) {
+      const std::span<const float> flat =
+          flat_field.empty() ? std::span<const float>{} : flat_field.row(row);
+      merge_row(bracket.at(row), saturation_dn, flat, rate.channel_count, rate.row(row));
     }
   });
-  return rate;
 }
 
 }  // namespace estimation

@@ -61,4 +61,10 @@ struct ExposedFrame {
 Image<float> merge_brackets(std::span<const ExposedFrame> frames, const CameraBlack& black,
                             double saturation_dn, ImageView<const float> flat_field);
 
+// The same into the caller's memory, `rate` of the frames' size: a new image costs as much as the
+// merge itself, because the system has to hand out its pages.
+void merge_brackets_into(std::span<const ExposedFrame> frames, const CameraBlack& black,
+                         double saturation_dn, ImageView<const float> flat_field,
+                         ImageView<float> rate);
+
 }  // namespace estimation

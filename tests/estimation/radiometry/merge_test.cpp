@@ -82,6 +82,52 @@ TEST(BracketMerge, MergesEachChannelOfAnRgbFrame) {
   EXPECT_TRUE(std::isnan(rate.at(0, 0, 2)));
 }
 
+// Every length and alignment of a row, so that whole vectors and what is left of them are both
+// held to the definition.
+TEST(BracketMerge, RowsOfAnyLengthFollowTheDefinitionToTheLastTwoBits) {
+  std::mt19937_64 random(2);
+  for (int width = 1; width < 70; ++width) {
+    SCOPED_TRACE(width);
+    Image<std::uint16_t> low(3, width), high(3, width);
+    Image<float> flat(3, width);
+    for (auto& dn : low.samples()) dn = static_cast<std::uint16_t>(random() % 4096);
+    for (auto& dn : high.samples()) dn = static_cast<std::uint16_t>(random() % 5000);
+    for (auto& gain : flat.samples()) gain = 0.5F + static_cast<float>(random() % 1000) / 1000;
+    const ExposedFrame frames[] = {{1000, low.view()}, {4000, high.view()}};
+    const Image<float> rate =
+        merge_brackets(frames, CameraBlack(63.25), kSaturationDn, flat.view());
+    for (std::size_t i = 0; i < rate.samples().size(); ++i) {
+      double sum_dn = 0, sum_us = 0;
+      for (const auto& [dn, exposure_us] :
+           {std::pair{low.samples()[i], 1000.0}, std::pair{high.samples()[i], 4000.0}}) {
+        if (dn >= kSaturationDn) continue;
+        sum_dn += dn - 63.25;
+        sum_us += exposure_us;
+      }
+      if (sum_us == 0) {
+        EXPECT_TRUE(std::isnan(rate.samples()[i]));
+        continue;
+      }
+      const double expected = sum_dn / sum_us / static_cast<double>(flat.samples()[i]);
+      EXPECT_NEAR(rate.samples()[i], expected, std::abs(expected) * 2.4e-7);
+    }
+  }
+}
+
+TEST(BracketMerge, IntoTheCallersImageWritesTheSameBitsAndNothingElse) {
+  std::mt19937_64 random(3);
+  Image<std::uint16_t> frame(4, 53);
+  for (auto& dn : frame.samples()) dn = static_cast<std::uint16_t>(random() % 3900);
+  const ExposedFrame frames[] = {{1000, frame.view()}};
+  const Image<float> own = merge_brackets(frames, CameraBlack(64), kSaturationDn, {});
+  Image<float> wide(4, 60, 1, -1.0F);
+  const ImageView<float> part{wide.samples().data() + 3, 4, 53, 1, 60};
+  merge_brackets_into(frames, CameraBlack(64), kSaturationDn, {}, part);
+  for (int row = 0; row < 4; ++row)
+    for (int col = -3; col < 57; ++col)
+      EXPECT_EQ(wide.at(row, col + 3), col < 0 || col >= 53 ? -1.0F : own.at(row, col));
+}
+
 TEST(CameraBlack, DarkFramesAreInterpolatedInTimeAndTheEndsHold) {
   std::vector<CameraBlack::Dark> darks;
   darks.push_back({4000, frame_of(80)});  // any order
