@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "estimation/base/check.h"
+#include "estimation/models/source_pair.h"
 
 namespace estimation {
 namespace {
@@ -58,11 +59,7 @@ void Dipole::transform(double diffuse_reflectance, std::span<const double> k_tim
                        std::span<double> out) const {
   check(k_times_l_d.size() == out.size(), "one value of R~ for each frequency");
   const double s = s_at(diffuse_reflectance);
-  const double albedo = 1 - s * s / 3;
-  for (std::size_t i = 0; i < out.size(); ++i) {
-    const double x = k_times_l_d[i];
-    out[i] = albedo * source_pair(boundary_, s * std::sqrt(1 + x * x));
-  }
+  source_pairs(1 - s * s / 3, s, 1 + 4.0 / 3.0 * boundary_, k_times_l_d, out);
 }
 
 Coefficients Dipole::coefficients(double diffuse_reflectance, double translucency_mm) const {

@@ -107,16 +107,14 @@ void ProfileMatcher::load(std::span<const double> samples, double position_px,
 void ProfileMatcher::mix_harmonics(const ProfileTable& table, double row, int col) {
   const int lower = std::clamp(static_cast<int>(row), 0, ProfileTable::kRows - 2);
   const double upper_frac = std::clamp(row - lower, 0.0, 1.0);
-  const std::span<const float> low = table.harmonics(lower, col);
-  const std::span<const float> high = table.harmonics(lower + 1, col);
+  const std::span<const double> low = table.harmonics(lower, col);
+  const std::span<const double> high = table.harmonics(lower + 1, col);
   harmonics_.resize(std::max(low.size(), high.size()));
   const std::size_t common = std::min(low.size(), high.size());
   for (std::size_t n = 0; n < common; ++n)
-    harmonics_[n] =
-        (1 - upper_frac) * static_cast<double>(low[n]) + upper_frac * static_cast<double>(high[n]);
+    harmonics_[n] = (1 - upper_frac) * low[n] + upper_frac * high[n];
   for (std::size_t n = common; n < harmonics_.size(); ++n)
-    harmonics_[n] = n < low.size() ? (1 - upper_frac) * static_cast<double>(low[n])
-                                   : upper_frac * static_cast<double>(high[n]);
+    harmonics_[n] = n < low.size() ? (1 - upper_frac) * low[n] : upper_frac * high[n];
 }
 
 double ProfileMatcher::cost_of_harmonics(double offset) {

@@ -5,6 +5,8 @@
 // projector pixels, so that one table serves every pitch (design/estimation.md, section 1).
 #pragma once
 
+#include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -22,7 +24,7 @@ struct TableRange {
   double greatest_translucency_px = 60;
 };
 
-// c_1, c_2, ... of one material, as many as an entry of the table has.
+// c_1, c_2, ... of one material, as many as harmonics() of the table has.
 std::vector<float> profile_harmonics(const ScatteringModel& model, StripeShape shape,
                                      double diffuse_reflectance, double translucency_px);
 
@@ -37,15 +39,22 @@ class ProfileTable {
 
   // Harmonics n = 1, 2, ... of the profile of area one: a pixel at projector position u sees
   //   1 + 2 sum_n c_n m_n cos(2 pi n (u - shift - (width - 1)/2) / period)
-  // times its mean under shift. As many as exceed 3e-5 in this entry or are needed to have one.
-  std::span<const float> harmonics(int row, int col) const {
+  // times its mean under shift. As many as noise lets one see: up to the last above 3e-5.
+  std::span<const double> harmonics(int row, int col) const {
     const std::size_t entry = index(row, col);
-    return {harmonics_.data() + entry * stride_, counts_[entry]};
+    return {entry_data(row, entry), visible_counts_[entry]};
+  }
+  // The same harmonics and those beyond, to where R~ falls below 1e-12 of R_d: the profile to
+  // 1e-10, unless it needs more than greatest_harmonic_count() of them.
+  std::span<const double> all_harmonics(int row, int col) const {
+    const std::size_t entry = index(row, col);
+    return {entry_data(row, entry), counts_[entry]};
   }
   int greatest_harmonic_count() const { return static_cast<int>(stride_); }
 
   // Positions between rows and columns are allowed.
   double row_of(double diffuse_reflectance) const;
+  double reflectance_at(int row) const;
   double translucency_px_at(double col) const;
   double log_step() const { return log_step_; }  // of l_d, from column to column
 
@@ -57,12 +66,21 @@ class ProfileTable {
     return static_cast<std::size_t>(row) * kCols + static_cast<std::size_t>(col);
   }
 
+  const double* entry_data(int row, std::size_t entry) const {
+    return harmonics_.get() + static_cast<std::size_t>(row) * row_stride_ + offsets_[entry];
+  }
+  void fill_row(const ScatteringModel& model, int row, std::span<const double> k_times_l_d,
+                std::span<const double> stripe);
+
   StripeShape shape_;
   TableRange range_;
   double log_step_ = 0;
-  std::size_t stride_ = 0;
-  std::vector<float> harmonics_;     // [row][col][stride_]
-  std::vector<std::size_t> counts_;  // [row][col]
+  std::size_t stride_ = 0;      // most harmonics an entry can have
+  std::size_t row_stride_ = 0;  // R_d and kCols entries
+  // [row][row_stride_], of which a row uses the front: its columns one after the other. What
+  // lies behind is never touched, so it costs neither time nor memory.
+  std::unique_ptr<double[]> harmonics_;
+  std::vector<std::uint32_t> offsets_, counts_, visible_counts_;  // [row][col]
 };
 
 }  // namespace estimation

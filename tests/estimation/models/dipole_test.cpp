@@ -3,20 +3,17 @@
 
 #include <gtest/gtest.h>
 
-#include <array>
 #include <cmath>
 #include <fstream>
-#include <functional>
-#include <numbers>
 #include <random>
 #include <sstream>
 #include <string>
 #include <vector>
 
+#include "tests/estimation/models/spatial_dipole.h"
+
 namespace estimation {
 namespace {
-
-using std::numbers::pi;
 
 double transform_at(const Dipole& dipole, double reflectance, double k_times_l_d) {
   double value = 0;
@@ -24,51 +21,8 @@ double transform_at(const Dipole& dipole, double reflectance, double k_times_l_d
   return value;
 }
 
-// The paper's eq. 3, straight from the text; sigma_tr, z_r and z_v as in Jensen et al. (2001).
-struct SpatialDipole {
-  double albedo, sigma_tr, z_real, z_virtual;
-
-  SpatialDipole(const Coefficients& medium, double eta) {
-    const double extinction = medium.sigma_a_per_mm + medium.sigma_s_prime_per_mm;
-    albedo = medium.sigma_s_prime_per_mm / extinction;
-    sigma_tr = std::sqrt(3 * medium.sigma_a_per_mm * extinction);
-    z_real = 1 / extinction;
-    z_virtual = z_real * (1 + 4.0 / 3.0 * boundary_factor(eta));
-  }
-  double source(double z, double r) const {
-    const double d = std::hypot(r, z);
-    return z * (sigma_tr + 1 / d) * std::exp(-sigma_tr * d) / (d * d);
-  }
-  double at(double r) const {
-    return albedo / (4 * pi) * (source(z_real, r) + source(z_virtual, r));
-  }
-};
-
-// Composite Gauss-Legendre with five nodes a panel.
-double integrate(const std::function<double(double)>& f, double low, double high, int panels) {
-  constexpr std::array<double, 5> kNodes = {0.0, 0.5384693101056831, -0.5384693101056831,
-                                            0.9061798459386640, -0.9061798459386640};
-  constexpr std::array<double, 5> kWeights = {0.5688888888888889, 0.4786286704993665,
-                                              0.4786286704993665, 0.2369268850561891,
-                                              0.2369268850561891};
-  double sum = 0;
-  const double half = (high - low) / panels / 2;
-  for (int panel = 0; panel < panels; ++panel)
-    for (std::size_t i = 0; i < kNodes.size(); ++i)
-      sum += kWeights[i] * f(low + half * (2 * panel + 1 + kNodes[i]));
-  return sum * half;
-}
-
-// Response to a line of light at distance x: eq. 3 integrated along the line. y = sinh(t) packs the
-// nodes where the profile is steep.
-double line_response(const SpatialDipole& dipole, double x) {
-  const double scale = std::hypot(x, dipole.z_real);
-  return 2 * integrate(
-                 [&](double t) {
-                   return dipole.at(std::hypot(x, scale * std::sinh(t))) * scale * std::cosh(t);
-                 },
-                 0, std::asinh(60 / dipole.sigma_tr / scale), 60);
-}
+using testing::integrate;
+using testing::SpatialDipole;
 
 TEST(Dipole, TransformEqualsSpatialQuadratureOfEquation3) {
   const Coefficients cheek_red{0.0525, 1.2814}, stubble_blue{0.6707, 0.6648};
@@ -78,12 +32,37 @@ TEST(Dipole, TransformEqualsSpatialQuadratureOfEquation3) {
     const double reflectance = dipole_reflectance(medium, 1.4);
     const double l_d_mm = diffuse_mean_free_path_mm(medium);
     for (const double k_per_mm : {0.0, 0.1, 0.5236, 2.0}) {
-      SCOPED_TRACE(testing::Message() << "sigma_a " << medium.sigma_a_per_mm << " k " << k_per_mm);
+      SCOPED_TRACE(::testing::Message()
+                   << "sigma_a " << medium.sigma_a_per_mm << " k " << k_per_mm);
       const double spatial_value =
-          2 *
-          integrate([&](double x) { return line_response(spatial, x) * std::cos(k_per_mm * x); }, 0,
-                    40 * l_d_mm, 1200);
+          2 * integrate([&](double x) { return spatial.line_response(x) * std::cos(k_per_mm * x); },
+                        0, 40 * l_d_mm, 1200);
       EXPECT_NEAR(transform_at(dipole, reflectance, k_per_mm * l_d_mm), spatial_value, 1e-10);
+    }
+  }
+}
+
+// Between no light at all and none absorbed the depth of the sources spans nine decades of l_d:
+// panels in u, x = depth sinh(u).
+TEST(Dipole, TransformEqualsSpatialQuadratureAtBothEndsOfReflectance) {
+  const Dipole dipole(1.4);
+  for (const double reflectance : {1e-6, 1e-4, 0.01, 0.5, 0.99, 1 - 1e-4, 1 - 1e-6, 1 - 1e-9}) {
+    const SpatialDipole spatial(dipole.coefficients(reflectance, 1), 1.4);
+    for (const double k_times_l_d : {0.0, 0.1, 1.0, 10.0, 100.0}) {
+      SCOPED_TRACE(::testing::Message() << "R_d " << reflectance << " k l_d " << k_times_l_d);
+      const auto integrand = [&](double x) {
+        return spatial.line_response(x) * std::cos(k_times_l_d * x);
+      };
+      // Panels that grow with the distance, then even ones where the cosine turns.
+      const double grown = std::min(10 / (k_times_l_d + 0.25), 40.0);
+      const double near = integrate(
+          [&](double u) {
+            return integrand(spatial.z_real * std::sinh(u)) * spatial.z_real * std::cosh(u);
+          },
+          0, std::asinh(grown / spatial.z_real), 400);
+      const double far = integrate(integrand, grown, 40, static_cast<int>(40 * (k_times_l_d + 5)));
+      EXPECT_NEAR(transform_at(dipole, reflectance, k_times_l_d), 2 * (near + far),
+                  1e-10 * std::max(reflectance, 1e-3));
     }
   }
 }
@@ -112,7 +91,7 @@ TEST(Dipole, CoefficientsAreInvertedFromReflectanceAndTranslucency) {
     const double eta = 1.0 + 0.6 * uniform();
     const Coefficients truth{std::pow(10.0, -4 + 5 * uniform()),
                              std::pow(10.0, -1 + 2 * uniform())};
-    SCOPED_TRACE(testing::Message() << truth.sigma_a_per_mm << " " << truth.sigma_s_prime_per_mm);
+    SCOPED_TRACE(::testing::Message() << truth.sigma_a_per_mm << " " << truth.sigma_s_prime_per_mm);
     const Coefficients found =
         Dipole(eta).coefficients(dipole_reflectance(truth, eta), diffuse_mean_free_path_mm(truth));
     EXPECT_NEAR(found.sigma_a_per_mm / truth.sigma_a_per_mm, 1, 1e-9);
