@@ -1,0 +1,405 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <complex>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <utility>
+
+#include "estimation/profile/fisher.h"
+#include "estimation/profile/likelihood.h"
+#include "estimation/profile/pixel_model.h"
+#include "estimation/profile/small_matrix.h"
+#include "estimation/session/maps.h"
+
+namespace estimation {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// A first harmonic whose square is below so many times its variance is noise (by chance once in
+// 400 pixels).
+constexpr double kLeastContrast = 12;
+// Samples whose mean is below so many of their standard deviations are dark, not flat.
+constexpr double kDarkSnr = 5;
+// Harmonics this share of a sample's noise are left out.
+constexpr double kToleranceOfNoise = 1e-3;
+
+constexpr int kMostSteps = 40;
+// The weights follow the model this long; from then on they stay, lest a sample at the edge of an
+// exposure's range switch to and fro for ever.
+constexpr int kReweightedSteps = 8;
+// Squared length of a step, in standard deviations, that is the last one: what remains after it is
+// smaller by the model's curvature over the noise, 1e-4 of a standard deviation.
+constexpr double kLastStep = 1e-5;
+constexpr double kGreatestLogitStep = 2, kGreatestLogStep = 1.5;
+constexpr double kFirstDamping = 1e-2, kGreatestDamping = 1e6;
+// R_d from 1e-7 to 1 - 1e-10: beyond, data ask for a material that no model has.
+constexpr double kLeastLogit = -16, kGreatestLogit = 23;
+constexpr double kGreatestAbsLog = 12;
+
+double reflectance_at(double logit) { return 1 / (1 + std::exp(-logit)); }
+double reflectance_slope(double logit) {
+  return 1 / ((1 + std::exp(-logit)) * (1 + std::exp(logit)));
+}
+double logit_of(double reflectance) { return std::log(reflectance / (1 - reflectance)); }
+
+// A point of the search. The mean R_d + B takes the place of B: it is linear, and independent of
+// the rest.
+struct Point {
+  ShapePoint shape;
+  double mean = 0;
+  double phase_px = 0;
+};
+
+// The samples' mean and first harmonics by least squares, without weights.
+struct Demodulated {
+  double mean = 0;
+  std::array<std::complex<double>, 2> harmonic{};  // r = mean + sum Re[harmonic exp(i n angle)]
+  double harmonic_variance = 0;                    // of the first, of samples of unit variance
+};
+
+template <std::size_t N>
+std::optional<Demodulated> demodulate(PixelModel& model) {
+  const std::size_t count = model.sample_count();
+  if (count < N) return std::nullopt;
+  SmallMatrix<N> normal{};
+  std::array<double, N> right{};
+  const std::array<std::span<const double>, 2> second = {model.turn_re(2), model.turn_im(2)};
+  const std::array<std::span<const double>, 2> first = {model.turn_re(1), model.turn_im(1)};
+  for (std::size_t sample = 0; sample < count; ++sample) {
+    std::array<double, N> row{};
+    row[0] = 1;
+    row[1] = first[0][sample];
+    row[2] = first[1][sample];
+    if constexpr (N == 5) row[3] = second[0][sample], row[4] = second[1][sample];
+    for (std::size_t i = 0; i < N; ++i) {
+      right[i] += row[i] * model.reflectance()[sample];
+      for (std::size_t j = 0; j <= i; ++j) normal[i][j] += row[i] * row[j];
+    }
+  }
+  const auto root = scaled_cholesky(normal);
+  if (!root) return std::nullopt;
+  const std::array<double, N> x = root->solve(right);
+  std::array<double, N> unit{};
+  unit[1] = 1;
+  Demodulated data{.mean = x[0], .harmonic = {{{x[1], -x[2]}, {0, 0}}}};
+  data.harmonic_variance = root->solve(unit)[1];
+  if constexpr (N == 5) data.harmonic[1] = {x[3], -x[4]};
+  return data;
+}
+
+std::optional<Demodulated> demodulate(PixelModel& model) {
+  if (const auto data = demodulate<5>(model)) return data;
+  return demodulate<3>(model);
+}
+
+// Buffers, kept from pixel to pixel.
+struct Workspace {
+  PixelModel model;
+  ModelSamples samples, trial_samples;
+  std::vector<double> weight;
+};
+
+class Fit {
+ public:
+  // `work.model` is bound to the pixel.
+  Fit(const FitProblem& problem, Workspace& work)
+      : problem_(problem),
+        model_(work.model),
+        samples_(work.samples),
+        trial_samples_(work.trial_samples),
+        weight_(work.weight) {}
+
+  PixelFit run();
+
+ private:
+  bool is_free() const { return problem_.indirect == IndirectLight::kFree; }
+  std::size_t unknown_count() const { return is_free() ? 4 : 3; }
+
+  std::uint32_t reason_for_too_few() const;
+  std::uint32_t check_contrast(const Demodulated& data);
+  Point start(const Demodulated& data);
+  std::array<double, 2> first_harmonics(ShapePoint shape) const;
+  double log_with_first_harmonic(double logit, double target) const;
+
+  bool evaluate(const Point& point, ModelSamples& samples);
+  double expected(const Point& point, const ModelSamples& samples, std::size_t sample) const;
+  void weigh(const Point& point, const ModelSamples& samples);
+  double chi_square(const Point& point, const ModelSamples& samples) const;
+  void assemble(const Point& point, const ModelSamples& samples);
+  std::optional<std::array<double, kUnknowns>> step(double damping) const;
+  Point moved(const Point& point, const std::array<double, kUnknowns>& step) const;
+  std::uint32_t search(Point& point);
+  SymmetricMatrix information(const Point& point) const;
+  std::uint32_t reason_at_limit(const Point& point) const;
+  PixelFit result(const Point& point) const;
+
+  const FitProblem& problem_;
+  PixelModel& model_;
+  ModelSamples &samples_, &trial_samples_;
+  std::vector<double>& weight_;
+  double tolerance_ = 0;
+  // Normal equations in (t, ln l, mean, phase) at the current point.
+  SmallMatrix<kUnknowns> normal_{};
+  std::array<double, kUnknowns> gradient_{};
+  double chi_square_ = 0;
+};
+
+std::uint32_t Fit::reason_for_too_few() const {
+  return model_.lost_count() > 0 ? kSaturated : kNotIdentifiable;
+}
+
+// Also sets how much of a harmonic matters.
+std::uint32_t Fit::check_contrast(const Demodulated& data) {
+  const double variance = model_.variance(data.mean);
+  double least = variance;
+  for (const double reflectance : model_.reflectance())
+    least = std::min(least, model_.variance(reflectance));
+  tolerance_ = kToleranceOfNoise * std::sqrt(least);
+  if (std::norm(data.harmonic[0]) >= kLeastContrast * data.harmonic_variance * variance) return 0;
+  return data.mean < kDarkSnr * std::sqrt(variance) ? kTooDark : kNotIdentifiable;
+}
+
+// a_1 and a_2 near this point.
+std::array<double, 2> Fit::first_harmonics(ShapePoint shape) const {
+  const HarmonicTable* table = problem_.table;
+  if (table != nullptr && table->holds(shape)) {
+    const ShapePoint& least = table->range().least;
+    const auto node = table->node(
+        static_cast<int>(
+            std::round((shape.logit_reflectance - least.logit_reflectance) / table->logit_step())),
+        static_cast<int>(std::round((shape.log_translucency_px - least.log_translucency_px) /
+                                    table->log_step())));
+    return {static_cast<double>(node[0]),
+            table->harmonic_count() > 1 ? static_cast<double>(node[1]) : 0.0};
+  }
+  const double wave = model_.wave_per_px() * std::exp(shape.log_translucency_px);
+  const std::array<double, 2> waves = {wave, 2 * wave};
+  std::array<double, 2> harmonics{};
+  problem_.model->transform(reflectance_at(shape.logit_reflectance), waves, harmonics);
+  for (int n = 1; n <= 2; ++n)
+    harmonics[static_cast<std::size_t>(n - 1)] *=
+        std::sin(std::numbers::pi * n * problem_.shape.width_px / problem_.shape.period_px) /
+        (std::numbers::pi * n);
+  return harmonics;
+}
+
+// ln l at which the first harmonic, which falls with l, has this height.
+double Fit::log_with_first_harmonic(double logit, double target) const {
+  const ShapeRange range = problem_.table != nullptr ? problem_.table->range() : ShapeRange{};
+  double low = range.least.log_translucency_px, high = range.greatest.log_translucency_px;
+  for (int halving = 0; halving < 7; ++halving) {
+    const double middle = 0.5 * (low + high);
+    (first_harmonics({logit, middle})[0] > target ? low : high) = middle;
+  }
+  return 0.5 * (low + high);
+}
+
+// The phase from the first harmonic; R_d from a share of the mean, all of it if there is no
+// indirect light, the share that explains the second harmonic best if there may be some.
+Point Fit::start(const Demodulated& data) {
+  const std::complex<double> first = model_.twice_factor(1), second = model_.twice_factor(2);
+  Point point;
+  point.mean = data.mean / model_.level();
+  const std::complex<double> turn = data.harmonic[0] * std::conj(first);
+  point.phase_px = std::arg(turn) / model_.wave_per_px();
+  const double height = std::abs(turn) / std::norm(first);
+  const std::complex<double> back = std::polar(1.0, -2 * std::arg(turn));
+  const bool has_second = std::norm(second) > 0 && data.harmonic[1] != 0.0;
+  const double second_height =
+      has_second ? (data.harmonic[1] * std::conj(second) * back).real() / std::norm(second) : 0;
+  const ShapeRange range = problem_.table != nullptr ? problem_.table->range() : ShapeRange{};
+  double best = kInfinity;
+  for (const double share : {1.0, 0.85, 0.7, 0.5, 0.3}) {
+    if (share < 1 && (!is_free() || !has_second)) break;
+    const double logit =
+        std::clamp(logit_of(std::clamp(share * point.mean, 1e-6, 0.99)),
+                   range.least.logit_reflectance, range.greatest.logit_reflectance);
+    const ShapePoint shape{logit, log_with_first_harmonic(logit, height)};
+    const std::array<double, 2> harmonics = first_harmonics(shape);
+    const double misfit =
+        std::hypot(harmonics[0] - height, has_second ? harmonics[1] - second_height : 0);
+    if (misfit < best) best = misfit, point.shape = shape;
+  }
+  return point;
+}
+
+bool Fit::evaluate(const Point& point, ModelSamples& samples) {
+  return point.shape.logit_reflectance > kLeastLogit &&
+         point.shape.logit_reflectance < kGreatestLogit &&
+         std::abs(point.shape.log_translucency_px) < kGreatestAbsLog &&
+         model_.evaluate(point.shape, point.phase_px, tolerance_, samples);
+}
+
+double Fit::expected(const Point& point, const ModelSamples& samples, std::size_t sample) const {
+  const double mean = is_free() ? point.mean : reflectance_at(point.shape.logit_reflectance);
+  return model_.level() * mean + samples.harmonics[sample];
+}
+
+void Fit::weigh(const Point& point, const ModelSamples& samples) {
+  weight_.resize(model_.sample_count());
+  for (std::size_t i = 0; i < weight_.size(); ++i)
+    weight_[i] = 1 / model_.variance(expected(point, samples, i));
+}
+
+double Fit::chi_square(const Point& point, const ModelSamples& samples) const {
+  double sum = 0;
+  for (std::size_t i = 0; i < weight_.size(); ++i) {
+    const double residual = model_.reflectance()[i] - expected(point, samples, i);
+    sum += weight_[i] * residual * residual;
+  }
+  return sum;
+}
+
+void Fit::assemble(const Point& point, const ModelSamples& samples) {
+  normal_ = {};
+  gradient_ = {};
+  chi_square_ = 0;
+  const double mean_slope =
+      is_free() ? 0 : model_.level() * reflectance_slope(point.shape.logit_reflectance);
+  const double level = is_free() ? model_.level() : 0;
+  for (std::size_t sample = 0; sample < weight_.size(); ++sample) {
+    const double weight = weight_[sample];
+    const double residual = model_.reflectance()[sample] - expected(point, samples, sample);
+    const std::array<double, kUnknowns> slope = {samples.by_logit[sample] + mean_slope,
+                                                 samples.by_log[sample], level,
+                                                 samples.by_phase[sample]};
+    for (std::size_t i = 0; i < kUnknowns; ++i) {
+      const double weighted = weight * slope[i];
+      gradient_[i] += weighted * residual;
+      for (std::size_t j = 0; j <= i; ++j) normal_[i][j] += weighted * slope[j];
+    }
+    chi_square_ += weight * residual * residual;
+  }
+  if (!is_free()) normal_[2][2] = 1;
+  for (std::size_t i = 0; i < kUnknowns; ++i)
+    for (std::size_t j = i + 1; j < kUnknowns; ++j) normal_[i][j] = normal_[j][i];
+}
+
+std::optional<std::array<double, kUnknowns>> Fit::step(double damping) const {
+  SmallMatrix<kUnknowns> damped = normal_;
+  for (std::size_t i = 0; i < kUnknowns; ++i) damped[i][i] *= 1 + damping;
+  const auto root = scaled_cholesky(damped);
+  if (!root) return std::nullopt;
+  return root->solve(gradient_);
+}
+
+// A long step is shortened as a whole.
+Point Fit::moved(const Point& point, const std::array<double, kUnknowns>& step) const {
+  const double longest =
+      std::max({1.0, std::abs(step[0]) / kGreatestLogitStep, std::abs(step[1]) / kGreatestLogStep,
+                std::abs(step[3]) * 8 / problem_.shape.period_px});
+  return {.shape = {point.shape.logit_reflectance + step[0] / longest,
+                    point.shape.log_translucency_px + step[1] / longest},
+          .mean = point.mean + step[2] / longest,
+          .phase_px = point.phase_px + step[3] / longest};
+}
+
+// Fisher information in (t, ln l, B, phase), B = mean - R_d.
+SymmetricMatrix Fit::information(const Point& point) const {
+  SmallMatrix<kUnknowns> full = normal_;
+  if (is_free()) {
+    const double slope = reflectance_slope(point.shape.logit_reflectance);
+    for (std::size_t i = 0; i < kUnknowns; ++i) full[i][0] += slope * full[i][2];
+    for (std::size_t i = 0; i < kUnknowns; ++i) full[0][i] += slope * full[2][i];
+  }
+  SymmetricMatrix lower{};
+  for (std::size_t i = 0; i < kUnknowns; ++i)
+    for (std::size_t j = 0; j <= i; ++j) lower[covariance_index(i, j)] = full[i][j];
+  return lower;
+}
+
+std::uint32_t Fit::reason_at_limit(const Point& point) const {
+  const double logit = point.shape.logit_reflectance;
+  const double from_limit = std::min(logit - kLeastLogit, kGreatestLogit - logit);
+  return from_limit < 2 * kGreatestLogitStep ? kOutsideModel : kNotIdentifiable;
+}
+
+// Gauss-Newton, damped where it does not descend; 0 at the optimum.
+std::uint32_t Fit::search(Point& point) {
+  if (!evaluate(point, samples_)) return kOutsideModel;
+  weigh(point, samples_);
+  assemble(point, samples_);
+  double damping = 0;
+  for (int count = 0; count < kMostSteps; ++count) {
+    const auto change = step(damping);
+    if (!change) {
+      damping = std::max(kFirstDamping, damping * 10);
+      if (damping > kGreatestDamping) return reason_at_limit(point);
+      continue;
+    }
+    const Point next = moved(point, *change);
+    double length = 0, descent = 0;  // of the quadratic
+    for (std::size_t i = 0; i < kUnknowns; ++i) {
+      descent += gradient_[i] * (*change)[i];
+      for (std::size_t j = 0; j < kUnknowns; ++j)
+        length += (*change)[i] * normal_[i][j] * (*change)[j];
+    }
+    if (damping == 0 && length < kLastStep) {
+      point = next;
+      chi_square_ = std::max(chi_square_ - descent, 0.0);
+      return 0;
+    }
+    if (evaluate(next, trial_samples_) && chi_square(next, trial_samples_) <= chi_square_) {
+      point = next;
+      std::swap(samples_, trial_samples_);
+      if (count < kReweightedSteps) weigh(point, samples_);
+      assemble(point, samples_);
+      damping = damping > kFirstDamping ? damping / 10 : 0;
+    } else {
+      damping = std::max(kFirstDamping, damping * 10);
+      if (damping > kGreatestDamping) return reason_at_limit(point);
+    }
+  }
+  return reason_at_limit(point);
+}
+
+PixelFit Fit::result(const Point& point) const {
+  PixelFit fit{.logit_reflectance = point.shape.logit_reflectance,
+               .log_translucency_px = point.shape.log_translucency_px,
+               .phase_px = point.phase_px,
+               .chi_square = chi_square_,
+               .degrees_of_freedom =
+                   static_cast<int>(model_.sample_count()) - static_cast<int>(unknown_count())};
+  if (is_free()) fit.indirect = point.mean - reflectance_at(point.shape.logit_reflectance);
+  const SymmetricMatrix known = information(point);
+  const auto covariance = inverse_information(known, problem_.indirect);
+  if (!covariance || !is_identifiable(known, *covariance, problem_.indirect))
+    fit.validity = kNotIdentifiable;
+  else
+    fit.covariance = *covariance;
+  return fit;
+}
+
+PixelFit Fit::run() {
+  const auto refused = [](std::uint32_t reason) { return PixelFit{.validity = reason}; };
+  if (model_.sample_count() < unknown_count()) return refused(reason_for_too_few());
+  if (!(model_.level() > 0) || std::norm(model_.twice_factor(1)) == 0)
+    return refused(kNotIdentifiable);
+  const auto data = demodulate(model_);
+  if (!data) return refused(reason_for_too_few());
+  if (const std::uint32_t reason = check_contrast(*data)) return refused(reason);
+  Point point = start(*data);
+  if (const std::uint32_t reason = search(point)) return refused(reason);
+  return result(point);
+}
+
+}  // namespace
+
+PixelFit fit_pixel(const FitProblem& problem, const PixelBatch& batch, std::size_t pixel) {
+  // As long-lived as their thread: of a thousand pixels only the first allocates.
+  thread_local Workspace work;
+  switch (work.model.bind(problem, batch, pixel)) {
+    case PixelModel::Binding::kNoLight:
+      return {.validity = kTooDark};
+    case PixelModel::Binding::kAbsurd:
+      return {.validity = kOutsideModel};
+    case PixelModel::Binding::kReady:
+      break;
+  }
+  return Fit(problem, work).run();
+}
+
+}  // namespace estimation
