@@ -2,7 +2,9 @@
 
 #include <algorithm>
 
+#include "estimation/models/burley.h"
 #include "estimation/models/dipole.h"
+#include "estimation/models/gaussians.h"
 
 namespace estimation {
 
@@ -17,8 +19,10 @@ Result<std::unique_ptr<ScatteringModel>> make_scattering_model(const std::string
     return tl::unexpected(InputError{InputFault::kInvalid, "", "eta",
                                      "is " + std::to_string(medium.eta) + "; expected 1 to 2"});
   if (name == "dipole") return std::make_unique<Dipole>(medium.eta);
-  return tl::unexpected(
-      InputError{InputFault::kInvalid, "", "model", "is '" + name + "'; known is: dipole"});
+  if (name == "burley") return std::make_unique<Burley>(medium.eta);
+  if (name == "gaussians") return std::make_unique<Gaussians>(medium.eta);
+  return tl::unexpected(InputError{InputFault::kInvalid, "", "model",
+                                   "is '" + name + "'; known are: dipole, burley, gaussians"});
 }
 
 }  // namespace estimation
