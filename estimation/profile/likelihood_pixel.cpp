@@ -26,10 +26,15 @@ constexpr double kDarkSnr = 5;
 // Harmonics this share of a sample's noise are left out.
 constexpr double kToleranceOfNoise = 1e-3;
 
+// Where a start looks for R_d, as a share of the mean: B from -R_d/5 to 12 R_d.
+constexpr double kLeastShare = 0.08, kGreatestShare = 1.25;
+
 constexpr int kMostSteps = 40;
-// The weights follow the model this long; from then on they stay, lest a sample at the edge of an
-// exposure's range switch to and fro for ever.
-constexpr int kReweightedSteps = 8;
+// The weights follow the model until a step is shorter than a tenth of a standard deviation
+// (squared here), which changes them by some 1e-4, or this many were made, lest a sample at the
+// edge of an exposure's range switch to and fro for ever.
+constexpr double kReweighingStep = 1e-2;
+constexpr int kReweighedSteps = 8;
 // Squared length of a step, in standard deviations, that is the last one: what remains after it is
 // smaller by the model's curvature over the noise, 1e-4 of a standard deviation.
 constexpr double kLastStep = 1e-5;
@@ -110,7 +115,9 @@ class Fit {
         model_(work.model),
         samples_(work.samples),
         trial_samples_(work.trial_samples),
-        weight_(work.weight) {}
+        weight_(work.weight) {
+    if (problem.table != nullptr && problem.table->rows() > 0) range_ = problem.table->range();
+  }
 
   PixelFit run();
 
@@ -140,6 +147,7 @@ class Fit {
   PixelModel& model_;
   ModelSamples &samples_, &trial_samples_;
   std::vector<double>& weight_;
+  ShapeRange range_;  // of starts
   double tolerance_ = 0;
   // Normal equations in (t, ln l, mean, phase) at the current point.
   SmallMatrix<kUnknowns> normal_{};
@@ -188,8 +196,7 @@ std::array<double, 2> Fit::first_harmonics(ShapePoint shape) const {
 
 // ln l at which the first harmonic, which falls with l, has this height.
 double Fit::log_with_first_harmonic(double logit, double target) const {
-  const ShapeRange range = problem_.table != nullptr ? problem_.table->range() : ShapeRange{};
-  double low = range.least.log_translucency_px, high = range.greatest.log_translucency_px;
+  double low = range_.least.log_translucency_px, high = range_.greatest.log_translucency_px;
   for (int halving = 0; halving < 7; ++halving) {
     const double middle = 0.5 * (low + high);
     (first_harmonics({logit, middle})[0] > target ? low : high) = middle;
@@ -197,32 +204,37 @@ double Fit::log_with_first_harmonic(double logit, double target) const {
   return 0.5 * (low + high);
 }
 
-// The phase from the first harmonic; R_d from a share of the mean, all of it if there is no
-// indirect light, the share that explains the second harmonic best if there may be some.
+// The phase from the first harmonic. R_d is a share of the mean, l_d what then gives the first
+// harmonic its height; where there may be indirect light, the share that gives the second its own.
 Point Fit::start(const Demodulated& data) {
   const std::complex<double> first = model_.twice_factor(1), second = model_.twice_factor(2);
+  const std::complex<double> turn = data.harmonic[0] * std::conj(first);
+  const std::complex<double> back = std::polar(1.0, -2 * std::arg(turn));
+  const double height = std::abs(turn) / std::norm(first);
   Point point;
   point.mean = data.mean / model_.level();
-  const std::complex<double> turn = data.harmonic[0] * std::conj(first);
   point.phase_px = std::arg(turn) / model_.wave_per_px();
-  const double height = std::abs(turn) / std::norm(first);
-  const std::complex<double> back = std::polar(1.0, -2 * std::arg(turn));
-  const bool has_second = std::norm(second) > 0 && data.harmonic[1] != 0.0;
-  const double second_height =
-      has_second ? (data.harmonic[1] * std::conj(second) * back).real() / std::norm(second) : 0;
-  const ShapeRange range = problem_.table != nullptr ? problem_.table->range() : ShapeRange{};
-  double best = kInfinity;
-  for (const double share : {1.0, 0.85, 0.7, 0.5, 0.3}) {
-    if (share < 1 && (!is_free() || !has_second)) break;
+  const auto at_share = [&](double share) {
     const double logit =
-        std::clamp(logit_of(std::clamp(share * point.mean, 1e-6, 0.99)),
-                   range.least.logit_reflectance, range.greatest.logit_reflectance);
-    const ShapePoint shape{logit, log_with_first_harmonic(logit, height)};
-    const std::array<double, 2> harmonics = first_harmonics(shape);
-    const double misfit =
-        std::hypot(harmonics[0] - height, has_second ? harmonics[1] - second_height : 0);
-    if (misfit < best) best = misfit, point.shape = shape;
+        std::clamp(logit_of(std::clamp(share * point.mean, 1e-6, 0.98)),
+                   range_.least.logit_reflectance, range_.greatest.logit_reflectance);
+    return ShapePoint{logit, log_with_first_harmonic(logit, height)};
+  };
+  point.shape = at_share(1);
+  if (!is_free() || std::norm(second) == 0 || data.harmonic[1] == 0.0) return point;
+  const double second_height =
+      (data.harmonic[1] * std::conj(second) * back).real() / std::norm(second);
+  double low = std::log(kLeastShare), high = std::log(kGreatestShare);
+  for (int halving = 0; halving < 5; ++halving) {
+    const double middle = 0.5 * (low + high);
+    point.shape = at_share(std::exp(middle));
+    // Less R_d needs a smaller l_d for the same first harmonic, which raises the second, and too
+    // little cannot have it at all.
+    const std::array<double, 2> harmonics = first_harmonics(point.shape);
+    const bool is_too_little = harmonics[0] < 0.9 * height || harmonics[1] > second_height;
+    (is_too_little ? low : high) = middle;
   }
+  point.shape = at_share(std::exp(0.5 * (low + high)));
   return point;
 }
 
@@ -345,7 +357,7 @@ std::uint32_t Fit::search(Point& point) {
     if (evaluate(next, trial_samples_) && chi_square(next, trial_samples_) <= chi_square_) {
       point = next;
       std::swap(samples_, trial_samples_);
-      if (count < kReweightedSteps) weigh(point, samples_);
+      if (length > kReweighingStep && count < kReweighedSteps) weigh(point, samples_);
       assemble(point, samples_);
       damping = damping > kFirstDamping ? damping / 10 : 0;
     } else {
