@@ -1,0 +1,82 @@
+// ssrig-bench: measures on this machine what RESULTS.md states.
+#include <oneapi/tbb/global_control.h>
+#include <oneapi/tbb/info.h>
+#include <oneapi/tbb/task_arena.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <fstream>
+#include <iostream>
+#include <set>
+#include <string>
+#include <thread>
+
+#include "tests/bench/estimation_bench.h"
+
+namespace {
+
+struct Section {
+  const char* name;
+  const char* title;
+  void (*show)(bench::Bench&);
+};
+constexpr Section kSections[] = {
+    {"efficiency", "Efficiency", bench::show_efficiency},
+};
+
+std::string processor() {
+  std::ifstream stream("/proc/cpuinfo");
+  for (std::string line; std::getline(stream, line);)
+    if (line.starts_with("model name")) return line.substr(line.find(':') + 2);
+  return "unknown processor";
+}
+
+int run_estimation(const std::string& folder, bool is_quick, int threads, std::size_t stress_count,
+                   const std::vector<std::string>& only) {
+  bench::Report report(folder);
+  bench::Bench shared{.report = report,
+                      .is_quick = is_quick,
+                      .thread_count = threads,
+                      .stress_count = stress_count};
+  shared.media = bench::table_2(SSRIG_TEST_DATA "/tariq2006_table2.csv");
+  report.text(std::string("## Estimation\n\n")
+                  .append(processor())
+                  .append(", ")
+                  .append(std::to_string(std::thread::hardware_concurrency()))
+                  .append(" threads in the machine, ")
+                  .append(std::to_string(threads))
+                  .append(" used")
+                  .append(is_quick ? "; quick run." : "."));
+  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
+                                  static_cast<std::size_t>(threads));
+  for (const Section& section : kSections) {
+    if (!only.empty() && std::find(only.begin(), only.end(), section.name) == only.end()) continue;
+    report.text(std::string("### ").append(section.title));
+    section.show(shared);
+  }
+  return report.has_failed() ? 1 : 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("What ssrig is worth, measured on this machine.");
+  app.require_subcommand(1);
+  CLI::App* estimation = app.add_subcommand("estimation", "Run time against error, and the checks");
+  std::string folder;
+  bool is_quick = false;
+  int threads = static_cast<int>(std::thread::hardware_concurrency());
+  std::size_t stress_count = 0;
+  std::vector<std::string> only;
+  std::set<std::string> names;
+  for (const Section& section : kSections) names.insert(section.name);
+  estimation->add_option("--out", folder, "Folder for CSV, SVG and PNG")->required();
+  estimation->add_flag("--quick", is_quick, "A tenth of the cases and pixels");
+  estimation->add_option("--threads", threads, "Threads to use")->check(CLI::Range(1, 1024));
+  estimation->add_option("--stress-pixels", stress_count, "Pixels of the stress test");
+  estimation->add_option("--only", only, "Sections to run, comma-separated")
+      ->delimiter(',')
+      ->check(CLI::IsMember(names));
+  CLI11_PARSE(app, argc, argv);
+  return run_estimation(folder, is_quick, threads, stress_count, only);
+}
