@@ -38,9 +38,10 @@ double Sensor::read(double reflectance_factor, PixelRandom& random) const {
     const double mean_e =
         std::max(reflectance_factor, 0.0) * full_signal_dn_per_us() * exposure_us * gain_e_per_dn();
     const double seen_e = mean_e * (1 - nonlinearity_frac * mean_e / full_well_e);
-    const double signal_e = random.poisson(seen_e) + read_noise_e * random.normal();
+    const double signal_e =
+        is_noisy ? random.poisson(seen_e) + read_noise_e * random.normal() : seen_e;
     double dn = black_dn + signal_e / gain_e_per_dn();
-    if (is_quantised) dn = std::round(dn);
+    if (is_noisy && is_quantised) dn = std::round(dn);
     dn = std::clamp(dn, 0.0, saturation_dn);
     if (dn >= saturation_dn) continue;
     sum_dn += dn - black_dn;

@@ -38,6 +38,7 @@ struct Sensor {
   double light_frac = 1;         // of that light
   double nonlinearity_frac = 0;  // signal loses this share of itself at full well
   bool is_quantised = true;      // to whole DN
+  bool is_noisy = true;          // else every sample is what it is expected to be
 
   double gain_e_per_dn() const { return full_well_e / (saturation_dn - black_dn); }
   double full_signal_dn_per_us() const {
