@@ -310,18 +310,4 @@ Result<GeometryFit> fit_geometry(std::span<const BoardPose> poses, ImageSize cam
   }
 }
 
-Result<std::vector<double>> geometry_bound(std::span<const BoardPose> poses,
-                                           std::span<const PoseFit> places,
-                                           const Calibration& calibration) {
-  const BundleOptions options = without_k3();
-  BundleState state{shared_of(calibration), {}};
-  for (const PoseFit& place : places) {
-    const Vec3 &r = place.rotation_rad, &t = place.translation_mm;
-    state.poses.emplace_back(r[0], r[1], r[2], t[0], t[1], t[2]);
-  }
-  const auto covariance = invert_information(information_of(poses, state, options), options);
-  if (!covariance) return insufficient("the poses leave part of the calibration undetermined");
-  return flat(*covariance);
-}
-
 }  // namespace estimation

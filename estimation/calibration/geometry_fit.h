@@ -65,10 +65,4 @@ struct ImageSize {
 Result<GeometryFit> fit_geometry(std::span<const BoardPose> poses, ImageSize camera,
                                  ImageSize projector);
 
-// The bound alone: what these poses, seen with their corners' standard deviations by this rig, can
-// tell. Row-major [24][24]; k3 fixed. Error: kInsufficient where a parameter is undetermined.
-Result<std::vector<double>> geometry_bound(std::span<const BoardPose> poses,
-                                           std::span<const PoseFit> places,
-                                           const Calibration& calibration);
-
 }  // namespace estimation
