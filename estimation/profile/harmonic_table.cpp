@@ -123,53 +123,53 @@ class FiniteMask {
   std::vector<int> finite_;  // [logit][lambda]
 };
 
-// Largest third derivatives over a range, of harmonics as a share of the mean's.
+// Third derivatives at one point, as shares of the mean's harmonic.
 struct ThirdDerivatives {
   double ttt = 0, ttl = 0, tll = 0, lll = 0;
 
-  // Of the expansion's remainder in the corner of a cell with these half steps.
+  // What the terms below leave of them in the corner of a cell with these half steps.
   double remainder(double half_t, double half_l) const {
-    return half_t * half_t * half_t * ttt / 6 + half_t * half_t * half_l * ttl / 2 +
-           half_t * half_l * half_l * tll / 2 + half_l * half_l * half_l * lll / 6;
+    return half_t * half_t * half_t * std::abs(ttt) / 24 +
+           half_t * half_t * half_l * std::abs(ttl) / 4 +
+           half_t * half_l * half_l * std::abs(tll) / 4 +
+           half_l * half_l * half_l * std::abs(lll) / 24;
   }
 };
 
-ThirdDerivatives third_derivatives(Row& row, const ShapeRange& range, double duty,
-                                   std::size_t harmonic_count) {
-  const auto probes = [](double least, double greatest, double apart) {
-    return spaced(least, greatest, std::max(3, 1 + static_cast<int>((greatest - least) / apart)));
-  };
-  const double h = kProbeStep;
-  std::vector<double> around;  // [lambda][offset]
-  for (const double lambda :
-       probes(range.least.log_translucency_px, range.greatest.log_translucency_px, 0.15))
-    for (int offset = -2; offset <= 2; ++offset) around.push_back(lambda + offset * h);
-  ThirdDerivatives most;
-  for (const double logit :
-       probes(range.least.logit_reflectance, range.greatest.logit_reflectance, 0.25)) {
-    std::array<std::vector<double>, 5> values;  // [t offset][lambda][lambda offset][harmonic]
-    for (int offset = -2; offset <= 2; ++offset) {
-      const auto at = row.at(logit + offset * h, around);
-      values[static_cast<std::size_t>(offset + 2)].assign(at.begin(), at.end());
-    }
-    const double scale = 1 / (duty / (1 + std::exp(-logit)) * h * h * h);
-    const auto raise = [&](double& largest, double difference) {
-      largest = std::max(largest, std::abs(difference) * scale);
-    };
-    for (std::size_t probe = 0; probe < around.size() / 5; ++probe)
-      for (std::size_t n = 0; n < harmonic_count; ++n) {
-        const auto f = [&](int t, int l) {
-          return values[static_cast<std::size_t>(t + 2)]
-                       [(5 * probe + static_cast<std::size_t>(l + 2)) * harmonic_count + n];
-        };
-        raise(most.ttt, (f(2, 0) - 2 * f(1, 0) + 2 * f(-1, 0) - f(-2, 0)) / 2);
-        raise(most.lll, (f(0, 2) - 2 * f(0, 1) + 2 * f(0, -1) - f(0, -2)) / 2);
-        raise(most.ttl, (f(1, 1) - f(1, -1) - 2 * (f(0, 1) - f(0, -1)) + f(-1, 1) - f(-1, -1)) / 2);
-        raise(most.tll, (f(1, 1) - f(-1, 1) - 2 * (f(1, 0) - f(-1, 0)) + f(1, -1) - f(-1, -1)) / 2);
-      }
-  }
-  return most;
+// A function's differences of third order around a point, f(t steps, lambda steps).
+template <typename Function>
+ThirdDerivatives third_derivatives(const Function& f, double step) {
+  const double scale = 1 / (2 * step * step * step);
+  return {.ttt = scale * (f(2, 0) - 2 * f(1, 0) + 2 * f(-1, 0) - f(-2, 0)),
+          .ttl = scale * (f(1, 1) - f(1, -1) - 2 * (f(0, 1) - f(0, -1)) + f(-1, 1) - f(-1, -1)),
+          .tll = scale * (f(1, 1) - f(-1, 1) - 2 * (f(1, 0) - f(-1, 0)) + f(1, -1) - f(-1, -1)),
+          .lll = scale * (f(0, 2) - 2 * f(0, 1) + 2 * f(0, -1) - f(0, -2))};
 }
+
+// a_n around some points of one t: f(t steps, lambda steps) of point and harmonic.
+class Neighbourhood {
+ public:
+  Neighbourhood(Row& row, double logit, std::span<const double> lambdas, double step,
+                std::size_t harmonic_count)
+      : harmonic_count_(harmonic_count) {
+    std::vector<double> around;  // [lambda][offset]
+    for (const double lambda : lambdas)
+      for (int offset = -2; offset <= 2; ++offset) around.push_back(lambda + offset * step);
+    for (int offset = -2; offset <= 2; ++offset) {
+      const auto at = row.at(logit + offset * step, around);
+      values_[static_cast<std::size_t>(offset + 2)].assign(at.begin(), at.end());
+    }
+  }
+  double at(std::size_t point, std::size_t harmonic, int t_steps, int log_steps) const {
+    return values_[static_cast<std::size_t>(t_steps + 2)]
+                  [(5 * point + static_cast<std::size_t>(log_steps + 2)) * harmonic_count_ +
+                   harmonic];
+  }
+
+ private:
+  std::size_t harmonic_count_;
+  std::array<std::vector<double>, 5> values_;  // [t step][lambda][lambda step][harmonic]
+};
 
 struct Steps {
   double logit = 0, log = 0;
@@ -177,49 +177,60 @@ struct Steps {
 
 // The coarsest steps whose cells keep to kWorstError: for each shape of a cell the remainder grows
 // with the cube of its size.
-Steps choose_steps(const ThirdDerivatives& derivatives) {
-  double best_remainder = std::numeric_limits<double>::infinity(), best_shape = 1;
-  for (double shape = 0.25; shape <= 4; shape *= 1.1) {
-    const double remainder = derivatives.remainder(shape, 1 / shape);
-    if (remainder < best_remainder) best_remainder = remainder, best_shape = shape;
+Steps choose_steps(Row& row, const ShapeRange& range, double duty, std::size_t harmonic_count) {
+  const auto probes = [](double least, double greatest, double apart) {
+    return spaced(least, greatest, std::max(3, 1 + static_cast<int>((greatest - least) / apart)));
+  };
+  const std::vector<double> lambdas =
+      probes(range.least.log_translucency_px, range.greatest.log_translucency_px, 0.15);
+  std::vector<double> shapes;  // step of t over the geometric mean of both
+  for (double shape = 0.3; shape <= 3.4; shape *= 1.15) shapes.push_back(shape);
+  std::vector<double> worst(shapes.size(), 0);
+  for (const double logit :
+       probes(range.least.logit_reflectance, range.greatest.logit_reflectance, 0.25)) {
+    const Neighbourhood around(row, logit, lambdas, kProbeStep, harmonic_count);
+    const double scale = (1 + std::exp(-logit)) / duty;
+    for (std::size_t point = 0; point < lambdas.size(); ++point)
+      for (std::size_t n = 0; n < harmonic_count; ++n) {
+        const ThirdDerivatives derivatives = third_derivatives(
+            [&](int t, int l) { return scale * around.at(point, n, t, l); }, kProbeStep);
+        for (std::size_t i = 0; i < shapes.size(); ++i)
+          worst[i] = std::max(worst[i], derivatives.remainder(shapes[i], 1 / shapes[i]));
+      }
   }
-  const double half = std::cbrt(kWorstError / best_remainder);
-  return {.logit = std::clamp(2 * half * best_shape, kLeastStep, kGreatestStep),
-          .log = std::clamp(2 * half / best_shape, kLeastStep, kGreatestStep)};
+  const auto best = std::min_element(worst.begin(), worst.end());
+  const double shape = shapes[static_cast<std::size_t>(best - worst.begin())];
+  const double half = std::cbrt(kWorstError / *best);
+  return {.logit = std::clamp(2 * half * shape, kLeastStep, kGreatestStep),
+          .log = std::clamp(2 * half / shape, kLeastStep, kGreatestStep)};
 }
 
 int node_count(double least, double greatest, double step) {
   return 1 + std::max(1, static_cast<int>(std::ceil((greatest - least) / step)));
 }
 
-// The Taylor terms of one row of nodes, [col][term][harmonic_stride].
-void fill_row(Row& row, double logit, std::span<const double> lambdas, std::size_t harmonic_count,
-              std::size_t harmonic_stride, std::span<float> terms) {
+// The terms of one row of nodes, [col][term][harmonic_stride]. What the third derivatives add is
+// shared out over the cell: over |x| <= a, x^3 is nearest to 3/4 a^2 x and x^2 to a^2 / 2, which
+// leaves a quarter and a half of it.
+void fill_row(Row& row, double logit, std::span<const double> lambdas, const Steps& steps,
+              std::size_t harmonic_count, std::size_t harmonic_stride, std::span<float> terms) {
   constexpr double h = kDifferenceStep;
-  std::vector<double> around;  // [col][offset]
-  for (const double lambda : lambdas)
-    for (int offset = -2; offset <= 2; ++offset) around.push_back(lambda + offset * h);
-  std::array<std::vector<double>, 5> values;
-  for (int offset = -2; offset <= 2; ++offset) {
-    const auto at = row.at(logit + offset * h, around);
-    values[static_cast<std::size_t>(offset + 2)].assign(at.begin(), at.end());
-  }
+  const double tt = steps.logit * steps.logit / 4, ll = steps.log * steps.log / 4;
+  const Neighbourhood around(row, logit, lambdas, h, harmonic_count);
   for (std::size_t col = 0; col < lambdas.size(); ++col)
     for (std::size_t n = 0; n < harmonic_count; ++n) {
-      const auto f = [&](int t, int l) {
-        return values[static_cast<std::size_t>(t + 2)]
-                     [(5 * col + static_cast<std::size_t>(l + 2)) * harmonic_count + n];
-      };
+      const auto f = [&](int t, int l) { return around.at(col, n, t, l); };
       const auto first = [&](double m2, double m1, double p1, double p2) {
         return (m2 - 8 * m1 + 8 * p1 - p2) / (12 * h);
       };
       const auto half_second = [&](double m2, double m1, double at, double p1, double p2) {
         return (-m2 + 16 * m1 - 30 * at + 16 * p1 - p2) / (24 * h * h);
       };
+      const ThirdDerivatives third = third_derivatives(f, h);
       const std::array<double, HarmonicTable::kTerms> term = {
           f(0, 0),
-          first(f(-2, 0), f(-1, 0), f(1, 0), f(2, 0)),
-          first(f(0, -2), f(0, -1), f(0, 1), f(0, 2)),
+          first(f(-2, 0), f(-1, 0), f(1, 0), f(2, 0)) + third.ttt * tt / 8 + third.tll * ll / 4,
+          first(f(0, -2), f(0, -1), f(0, 1), f(0, 2)) + third.lll * ll / 8 + third.ttl * tt / 4,
           half_second(f(-2, 0), f(-1, 0), f(0, 0), f(1, 0), f(2, 0)),
           (f(1, 1) - f(1, -1) - f(-1, 1) + f(-1, -1)) / (4 * h * h),
           half_second(f(0, -2), f(0, -1), f(0, 0), f(0, 1), f(0, 2))};
@@ -245,7 +256,7 @@ HarmonicTable::HarmonicTable(const ScatteringModel& model, StripeShape shape,
   if (!finite) return;
   range_ = *finite;
   const double duty = static_cast<double>(shape.width_px) / shape.period_px;
-  const Steps steps = choose_steps(third_derivatives(probe, range_, duty, count));
+  const Steps steps = choose_steps(probe, range_, duty, count);
   const auto& [least, greatest] = range_;
   rows_ = node_count(least.logit_reflectance, greatest.logit_reflectance, steps.logit);
   cols_ = node_count(least.log_translucency_px, greatest.log_translucency_px, steps.log);
@@ -257,8 +268,8 @@ HarmonicTable::HarmonicTable(const ScatteringModel& model, StripeShape shape,
   terms_.assign(static_cast<std::size_t>(rows_) * row_size, 0.0F);
   tbb::parallel_for(0, rows_, [&](int row) {
     Row values(model, shape_, harmonic_count_);
-    fill_row(values, range_.least.logit_reflectance + row * logit_step_, lambdas, count,
-             harmonic_stride_,
+    fill_row(values, range_.least.logit_reflectance + row * logit_step_, lambdas,
+             {.logit = logit_step_, .log = log_step_}, count, harmonic_stride_,
              std::span(terms_).subspan(static_cast<std::size_t>(row) * row_size, row_size));
   });
 }
