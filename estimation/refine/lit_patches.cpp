@@ -34,15 +34,10 @@ struct Change {
 // One step from (row, col) if the surface goes on there.
 std::optional<Change> step(const LitSurface& surface, int row, int col, int by_row, int by_col) {
   const int r = row + by_row, c = col + by_col;
-  if (!is_inside(surface, r, c) || !surface.is_lit(r, c)) return std::nullopt;
-  const Vec3 here = surface.position(row, col);
-  const Change change{surface.position(r, c) - here,
-                      at(surface.position_px, r, c) - at(surface.position_px, row, col)};
-  const Vec3 sight = here / cv::norm(here);
-  const double along = std::abs(change.position_mm.dot(sight));
-  if (along > kMaxSlope * cv::norm(change.position_mm - change.position_mm.dot(sight) * sight))
+  if (!is_inside(surface, r, c) || !surface.is_lit(r, c) || !goes_on(surface, row, col, r, c))
     return std::nullopt;
-  return change;
+  return Change{surface.position(r, c) - surface.position(row, col),
+                at(surface.position_px, r, c) - at(surface.position_px, row, col)};
 }
 
 // Per pixel in one direction: both neighbours' mean, or the one there is.
@@ -76,8 +71,15 @@ bool LitSurface::is_lit(int row, int col) const {
 }
 
 Vec3 LitSurface::position(int row, int col) const {
-  return {at(position_mm[0], row, col), at(position_mm[1], row, col),
-          at(position_mm[2], row, col)};
+  return {at(position_mm[0], row, col), at(position_mm[1], row, col), at(position_mm[2], row, col)};
+}
+
+bool goes_on(const LitSurface& surface, int row, int col, int other_row, int other_col) {
+  const Vec3 here = surface.position(row, col);
+  const Vec3 change = surface.position(other_row, other_col) - here;
+  const Vec3 sight = here / cv::norm(here);
+  const double along = change.dot(sight);
+  return std::abs(along) <= kMaxSlope * cv::norm(change - along * sight);
 }
 
 LocalPlane local_plane(const LitSurface& surface, int row, int col) {
@@ -110,9 +112,7 @@ LocalPlane local_plane(const LitSurface& surface, int row, int col) {
 }
 
 LitPatches::LitPatches(const LitSurface& surface, int side, int period_px)
-    : side_px(side),
-      rows((surface.height_px() + side - 1) / side),
-      cols((surface.width_px() + side - 1) / side) {
+    : side_px(side), rows(surface.height_px() / side), cols(surface.width_px() / side) {
   const auto count = static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
   for (auto* axis : {&x_mm, &y_mm, &z_mm}) axis->assign(count, kFarAway);
   for (auto* light : {&flux_mm2, &cos_phase, &sin_phase}) light->assign(count, 0.0F);
@@ -122,10 +122,8 @@ LitPatches::LitPatches(const LitSurface& surface, int side, int period_px)
       double flux = 0;
       Vec3 centre(0, 0, 0);
       double re = 0, im = 0;
-      for (int row = block_row * side; row < std::min((block_row + 1) * side, surface.height_px());
-           ++row)
-        for (int col = block_col * side;
-             col < std::min((block_col + 1) * side, surface.width_px()); ++col) {
+      for (int row = block_row * side; row < (block_row + 1) * side; ++row)
+        for (int col = block_col * side; col < (block_col + 1) * side; ++col) {
           if (!surface.is_lit(row, col)) continue;
           const double part = piece_flux_mm2(surface, row, col);
           flux += part;

@@ -27,8 +27,8 @@ RadialProfile::RadialProfile(const ScatteringModel& model, double least_reflecta
   check(least_reflectance > 0 && greatest_reflectance < 1 &&
             least_reflectance <= greatest_reflectance,
         "reflectances of a radial profile lie within 0..1");
-  row_count_ = 2 + static_cast<std::size_t>((logit(greatest_reflectance) - least_logit_) /
-                                            kLogitStep);
+  row_count_ =
+      2 + static_cast<std::size_t>((logit(greatest_reflectance) - least_logit_) / kLogitStep);
   const auto count = static_cast<std::size_t>(kEnd / kStep) + 1;
   std::vector<double> k(count), transform(count);
   for (std::size_t i = 0; i < count; ++i) k[i] = kStep * static_cast<double>(i);

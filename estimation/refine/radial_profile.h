@@ -10,12 +10,12 @@
 namespace estimation {
 
 // Tabulated over logit R_d and r / l_d, blurred by a Gaussian of kBlur l_d: a sum over patches of a
-// quarter of l_d then stands for the integral (aliases below 1% of R~ at 25 / l_d), and models whose
-// profile has a pole at r = 0 have a value there. Immutable, thread-safe.
+// quarter of l_d then stands for the integral (aliases below 1% of R~ at 25 / l_d), and models
+// whose profile has a pole at r = 0 have a value there. Immutable, thread-safe.
 class RadialProfile {
  public:
-  static constexpr double kBlur = 0.12;    // standard deviation along an axis, in l_d
-  static constexpr double kRadius = 4;     // in l_d; beyond lie less than 0.3% of R_d
+  static constexpr double kBlur = 0.12;  // standard deviation along an axis, in l_d
+  static constexpr double kRadius = 4;   // in l_d; beyond lie less than 0.3% of R_d
   static constexpr std::size_t kStepsPerUnit = 100;
   static constexpr std::size_t kSteps = static_cast<std::size_t>(kRadius) * kStepsPerUnit;
 

@@ -41,8 +41,8 @@ bool SpatialCorrection::at(int row, int col, const SpreadMaterial& material,
   row_ = row;
   col_ = col;
   here_mm_ = surface_.position(row, col);
-  own_phase_rad_ = 2 * std::numbers::pi / period_px_ *
-                   static_cast<double>(surface_.position_px.at(row, col));
+  own_phase_rad_ =
+      2 * std::numbers::pi / period_px_ * static_cast<double>(surface_.position_px.at(row, col));
   const double gain = static_cast<double>(surface_.gain.at(row, col));
   const double block_px2 = static_cast<double>(patches_.side_px * patches_.side_px);
   plane_flux_mm2_ = gain * cv::norm(plane_.by_col_mm.cross(plane_.by_row_mm)) * block_px2;
@@ -53,17 +53,16 @@ bool SpatialCorrection::at(int row, int col, const SpreadMaterial& material,
   arrivals_.weight.clear();
   arrivals_.cosine.clear();
   arrivals_.sine.clear();
+  // Beyond the picture the plane is taken to go on, as lit as here: no difference.
   const int reach_px = static_cast<int>(reach_mm / plane_.across_mm) + 1;
   const int side = patches_.side_px;
   const int first_col = std::max(0, (col - reach_px) / side);
   const int last_col = std::min(patches_.cols, (col + reach_px) / side + 1);
   for (int block = std::max(0, (row - reach_px) / side);
-       block < std::min(patches_.rows, (row + reach_px) / side + 1); ++block)
+       block < std::min(patches_.rows, (row + reach_px) / side + 1); ++block) {
     collect_surface(block, first_col, last_col);
-  // The plane goes on beyond the picture.
-  const auto down = [side](int px) { return px >= 0 ? px / side : (px - side + 1) / side; };
-  for (int block = down(row - reach_px); block <= down(row + reach_px); ++block)
-    collect_plane(block, down(col - reach_px), down(col + reach_px) + 1);
+    collect_plane(block, first_col, last_col);
+  }
   sum_arrivals(out);
   const double scale = 1 / (gain * material.translucency_mm * material.translucency_mm);
   for (std::complex<double>& number : out) number *= scale;
@@ -105,8 +104,8 @@ void SpatialCorrection::collect_plane(int block_row, int first, int last) {
     const Vec3 offset = row_start + right_px * plane_.by_col_mm;
     const auto distance2 = static_cast<float>(offset.dot(offset));
     if (!(distance2 < reach2_mm2_)) continue;
-    const double phase = rad_per_px * (right_px * plane_.column_px_by_col +
-                                       down_px * plane_.column_px_by_row);
+    const double phase =
+        rad_per_px * (right_px * plane_.column_px_by_col + down_px * plane_.column_px_by_row);
     arrivals_.add(-static_cast<float>(plane_flux_mm2_) * profile_at(distance2),
                   static_cast<float>(std::cos(phase)), static_cast<float>(std::sin(phase)));
   }
