@@ -22,6 +22,7 @@ struct Section {
 };
 constexpr Section kSections[] = {
     {"efficiency", "Efficiency", bench::show_efficiency},
+    {"pareto", "Run time against error", bench::show_run_time_against_error},
 };
 
 std::string processor() {

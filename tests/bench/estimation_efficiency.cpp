@@ -225,7 +225,8 @@ void show_efficiency(Bench& bench) {
   std::vector<Case> cases;
   std::vector<Estimate> estimates;
   std::uint64_t seed = 100;
-  for (const double pitch_mm : {0.15, 0.3, 0.6})
+  for (const double pitch_mm : {0.15, 0.3, 0.6}) {
+    const auto papers = parabolic_table(dipole, simulate(bench.plan(pitch_mm, 0, 40, 1, 1)));
     for (std::size_t medium = 0; medium < bench.media.size(); medium += medium_step)
       for (const int shift_count : {40, 20, 10, 8})
         for (const double indirect : {0.0, 0.02, 0.10})
@@ -248,10 +249,11 @@ void show_efficiency(Bench& bench) {
             c.ours = errors_of(pixels, estimates, nullptr);
             plan.count = papers_count;
             const PixelSet few = simulate(plan);
-            parabolic_table(dipole, few)->run(few, estimates);
+            papers->run(few, estimates);
             c.papers = errors_of(few, estimates, nullptr);
             cases.push_back(c);
           }
+  }
   Table all{.name = "efficiency", .title = "all cases", .columns = kColumns};
   Table violations{.name = "efficiency_violations",
                    .title =

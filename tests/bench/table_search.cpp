@@ -41,21 +41,20 @@ estimation::TableRange range_of(const PixelSet& pixels) {
 class ParabolicTable : public Method {
  public:
   ParabolicTable(const estimation::ScatteringModel& model, const PixelSet& pixels)
-      : table_(model, pixels.shape, range_of(pixels)) {
-    stripes_.shape = pixels.shape;
-    stripes_.shifts_px = pixels.shifts_px;
-  }
+      : table_(model, pixels.shape, range_of(pixels)) {}
   std::string name() const override { return "paper's table, parabolic"; }
 
   void run(const PixelSet& pixels, std::vector<Estimate>& estimates) const override {
     estimates.resize(pixels.count);
     const std::vector<float> contrast(static_cast<std::size_t>(table_.greatest_harmonic_count()),
                                       1);
+    const estimation::StripeSet stripes{
+        .shape = pixels.shape, .shifts_px = pixels.shifts_px, .sources = {}};
     tbb::enumerable_thread_specific<ProfileMatcher> matchers(
-        [&] { return ProfileMatcher(stripes_, table_.greatest_harmonic_count()); });
+        [&] { return ProfileMatcher(stripes, table_.greatest_harmonic_count()); });
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, pixels.count, 64), [&](const auto& range) {
       ProfileMatcher& matcher = matchers.local();
-      std::vector<double> samples(stripes_.shifts_px.size());
+      std::vector<double> samples(pixels.shifts_px.size());
       for (std::size_t pixel = range.begin(); pixel < range.end(); ++pixel)
         estimates[pixel] = fit(pixels, pixel, contrast, samples, matcher);
     });
@@ -80,7 +79,6 @@ class ParabolicTable : public Method {
   }
 
   ProfileTable table_;
-  estimation::StripeSet stripes_;
 };
 
 // The sum of squares over evenly spaced samples is, by Parseval, one over harmonics; the data's are
