@@ -13,6 +13,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -85,9 +86,28 @@ struct BatchFit {
 // material. The reference of the vector code and its way out. Thread-safe.
 PixelFit fit_pixel(const FitProblem& problem, const PixelBatch& batch, std::size_t pixel);
 
-// All pixels of a batch: vectors of them through harmonic sums where those suffice, or through the
-// samples, and fit_pixel for the few that need it. No allocation once `fit` has its size.
-// Thread-safe.
+// The same for batches of a band's pixels: vectors of them (Highway) wherever the table holds the
+// material, fit_pixel for the few that need it. Same estimate as fit_pixel's, in single precision.
+// Immutable once built, thread-safe. A pixel's bits depend neither on its neighbours in the batch
+// nor on the thread; another family of processors may differ in the last ones.
+class BatchFitter {
+ public:
+  // Some milliseconds: where each pair of first harmonics starts, once per problem. Everything
+  // that the problem borrows must outlive the fitter.
+  explicit BatchFitter(const FitProblem& problem);
+  BatchFitter(BatchFitter&& other) noexcept;
+  BatchFitter& operator=(BatchFitter&& other) noexcept;
+  ~BatchFitter();
+
+  // Elements from batch.count on hold nothing. No allocation once `fit` has its size.
+  void fit(const PixelBatch& batch, BatchFit& fit) const;
+
+ private:
+  class Prepared;
+  std::unique_ptr<const Prepared> prepared_;
+};
+
+// One batch alone.
 void fit_batch(const FitProblem& problem, const PixelBatch& batch, BatchFit& fit);
 
 }  // namespace estimation

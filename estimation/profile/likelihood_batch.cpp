@@ -1,6 +1,57 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
+
+#include "estimation/profile/batch_kernel.h"
 #include "estimation/profile/likelihood.h"
+#include "estimation/profile/start_grid.h"
+#include "estimation/profile/sweep_basis.h"
 
 namespace estimation {
+namespace {
+
+constexpr std::size_t kWidestVector = 16;
+
+void store(const PixelFit& pixel, std::size_t i, BatchFit& fit) {
+  fit.logit_reflectance[i] = static_cast<float>(pixel.logit_reflectance);
+  fit.log_translucency_px[i] = static_cast<float>(pixel.log_translucency_px);
+  fit.indirect[i] = static_cast<float>(pixel.indirect);
+  fit.phase_px[i] = static_cast<float>(pixel.phase_px);
+  for (std::size_t k = 0; k < pixel.covariance.size(); ++k)
+    fit.covariance[k * fit.stride + i] = static_cast<float>(pixel.covariance[k]);
+  fit.reduced_chi_square[i] = pixel.degrees_of_freedom > 0
+                                  ? static_cast<float>(pixel.chi_square / pixel.degrees_of_freedom)
+                                  : 1.0F;
+  fit.validity[i] = pixel.validity;
+}
+
+int harmonics_used(const FitProblem& problem) {
+  const int table = problem.table->harmonic_count();
+  return problem.harmonic_count > 0 ? std::min(problem.harmonic_count, table) : table;
+}
+
+// What the vectors cannot do is left to fit_pixel: no table, or more than they hold.
+bool is_for_vectors(const FitProblem& problem) {
+  return problem.table != nullptr && problem.table->rows() > 0 && harmonics_used(problem) >= 2 &&
+         harmonics_used(problem) <= static_cast<int>(kMostBatchHarmonics) &&
+         problem.shifts_px.size() >= 5 && problem.shifts_px.size() <= kMostBatchSamples &&
+         !problem.noise.empty() && problem.noise.size() <= BatchPlan::kMostNoise;
+}
+
+// variance_at's entries.
+BatchPlan::Noise in_floats(const MergedNoise& noise) {
+  const double variance = noise.read_variance + noise.shot_dn_per_us * noise.up_to_dn_per_us;
+  // A jump is a steep ramp; the last entry has no end.
+  const double width = std::max(kMixtureWidth * std::sqrt(variance), 1e-6 * noise.up_to_dn_per_us);
+  const bool is_last = !std::isfinite(noise.up_to_dn_per_us);
+  return {.read_variance = static_cast<float>(noise.read_variance),
+          .shot_dn_per_us = static_cast<float>(noise.shot_dn_per_us),
+          .per_width = is_last ? 0.0F : static_cast<float>(1 / width),
+          .middle = is_last ? 0.0F : static_cast<float>(noise.up_to_dn_per_us / width - 0.5)};
+}
+
+}  // namespace
 
 void BatchFit::resize(std::size_t stride_wanted) {
   stride = stride_wanted;
@@ -11,22 +62,64 @@ void BatchFit::resize(std::size_t stride_wanted) {
   validity.resize(stride);
 }
 
-void fit_batch(const FitProblem& problem, const PixelBatch& batch, BatchFit& fit) {
-  if (fit.stride < batch.count) fit.resize(batch.stride);
-  for (std::size_t i = 0; i < batch.count; ++i) {
-    const PixelFit pixel = fit_pixel(problem, batch, i);
-    fit.logit_reflectance[i] = static_cast<float>(pixel.logit_reflectance);
-    fit.log_translucency_px[i] = static_cast<float>(pixel.log_translucency_px);
-    fit.indirect[i] = static_cast<float>(pixel.indirect);
-    fit.phase_px[i] = static_cast<float>(pixel.phase_px);
-    for (std::size_t k = 0; k < pixel.covariance.size(); ++k)
-      fit.covariance[k * fit.stride + i] = static_cast<float>(pixel.covariance[k]);
-    fit.reduced_chi_square[i] =
-        pixel.degrees_of_freedom > 0
-            ? static_cast<float>(pixel.chi_square / pixel.degrees_of_freedom)
-            : 1.0F;
-    fit.validity[i] = pixel.validity;
+class BatchFitter::Prepared {
+ public:
+  explicit Prepared(const FitProblem& problem) : problem_(problem) {
+    if (!is_for_vectors(problem)) return;
+    const int harmonic_count = harmonics_used(problem);
+    basis_.emplace();
+    make_sweep_basis(problem, {}, harmonic_count, Symmetry::kUsed, *basis_);
+    if (!basis_->can_start || basis_->second > harmonic_count) {
+      basis_.reset();
+      return;
+    }
+    start_.emplace(*problem.table, problem.indirect, basis_->second);
+    plan_.table = problem.table;
+    plan_.start = &*start_;
+    plan_.shape = problem.shape;
+    plan_.projector_black_frac = static_cast<float>(problem.projector_black_frac);
+    plan_.is_free = problem.indirect == IndirectLight::kFree;
+    plan_.harmonic_count = harmonic_count;
+    plan_.is_cut_off = problem.harmonic_count == harmonic_count;
+    for (const MergedNoise& noise : problem.noise)
+      plan_.noise[plan_.noise_count++] = in_floats(noise);
   }
+
+  void fit(const PixelBatch& batch, BatchFit& fit) const {
+    const std::size_t padded = (batch.count + kWidestVector - 1) / kWidestVector * kWidestVector;
+    if (fit.stride < padded) fit.resize(std::max(padded, batch.stride));
+    if (!basis_) {
+      std::fill_n(fit.validity.begin(), batch.count, kLeftToFitPixel);
+    } else if (batch.offset_px.empty()) {
+      fit_vectors(plan_, *basis_, batch, fit);
+    } else {
+      SweepBasis shifted;
+      const bool is_shared = batch.offset_px.size() == problem_.shifts_px.size();
+      make_sweep_basis(problem_, is_shared ? batch.offset_px : std::span<const float>{},
+                       plan_.harmonic_count, Symmetry::kIgnored, shifted);
+      fit_vectors(plan_, shifted, batch, fit);
+    }
+    for (std::size_t i = 0; i < batch.count; ++i)
+      if (fit.validity[i] == kLeftToFitPixel) store(fit_pixel(problem_, batch, i), i, fit);
+  }
+
+ private:
+  FitProblem problem_;
+  std::optional<SweepBasis> basis_;  // of the nominal shifts; none: all is left to fit_pixel
+  std::optional<StartGrid> start_;
+  BatchPlan plan_;
+};
+
+BatchFitter::BatchFitter(const FitProblem& problem)
+    : prepared_(std::make_unique<const Prepared>(problem)) {}
+BatchFitter::BatchFitter(BatchFitter&&) noexcept = default;
+BatchFitter& BatchFitter::operator=(BatchFitter&&) noexcept = default;
+BatchFitter::~BatchFitter() = default;
+
+void BatchFitter::fit(const PixelBatch& batch, BatchFit& fit) const { prepared_->fit(batch, fit); }
+
+void fit_batch(const FitProblem& problem, const PixelBatch& batch, BatchFit& fit) {
+  BatchFitter(problem).fit(batch, fit);
 }
 
 }  // namespace estimation

@@ -63,11 +63,17 @@ std::vector<MergedNoise> merged_noise(std::vector<double> exposures_us, const Se
 
 double variance_at(std::span<const MergedNoise> noise, double signal_dn_per_us) {
   if (noise.empty()) return 0;
-  const auto range = std::find_if(noise.begin(), noise.end(), [&](const MergedNoise& entry) {
-    return signal_dn_per_us <= entry.up_to_dn_per_us;
-  });
-  const MergedNoise& entry = range == noise.end() ? noise.back() : *range;
-  return entry.read_variance + entry.shot_dn_per_us * std::max(signal_dn_per_us, 0.0);
+  const auto of = [&](const MergedNoise& entry, double signal) {
+    return entry.read_variance + entry.shot_dn_per_us * std::max(signal, 0.0);
+  };
+  double variance = of(noise.back(), signal_dn_per_us);
+  for (std::size_t i = noise.size() - 1; i-- > 0;) {
+    const double width = kMixtureWidth * std::sqrt(of(noise[i], noise[i].up_to_dn_per_us));
+    const double beyond = signal_dn_per_us - noise[i].up_to_dn_per_us;
+    const double share = width > 0 ? std::clamp(beyond / width + 0.5, 0.0, 1.0) : beyond > 0;
+    variance = std::lerp(of(noise[i], signal_dn_per_us), variance, share);
+  }
+  return variance;
 }
 
 std::optional<MergedNoise> noise_from_stripes(std::span<const ImageView<const float>> signals) {

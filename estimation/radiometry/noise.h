@@ -30,6 +30,11 @@ struct MergedNoise {
 std::vector<MergedNoise> merged_noise(std::vector<double> exposures_us, const SensorNoise& sensor,
                                       double headroom_dn);
 
+// Of a sample whose expected signal this is. Near an entry's end noise decides which exposures stay
+// below saturation: there the variance goes over to the next entry's linearly, over a width of
+// kMixtureWidth standard deviations. An estimate weighted by a jump would have two solutions in one
+// pixel of two hundred, up to 1.8 of its standard deviations apart.
+inline constexpr double kMixtureWidth = 6;
 double variance_at(std::span<const MergedNoise> noise, double signal_dn_per_us);
 
 // Noise from the scatter of adjacent stripe shifts, for cameras whose numbers are not known. A
