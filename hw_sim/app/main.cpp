@@ -7,14 +7,24 @@
 
 namespace {
 
-void add_run(CLI::App& app, hw_sim::RunOptions& options, std::string& indirect) {
+struct RunWords {
+  std::string indirect = "on";
+  std::string scattering = "dipole";
+};
+
+void add_run(CLI::App& app, hw_sim::RunOptions& options, RunWords& words) {
   CLI::App* run = app.add_subcommand(
       "run", "Start a virtual rig, run a command against it, write the truth beside its sessions");
   run->add_option("--rig", options.rig_file, "Rig file of the rig to simulate")->required();
   run->add_option("--scene", options.scene, "Who or what sits in front of the camera")
       ->check(CLI::IsMember(hw_sim::scene_names()))
       ->capture_default_str();
-  run->add_option("--indirect", indirect, "One bounce of light between parts of the face: on, off")
+  run->add_option("--scattering", words.scattering,
+                  "How light scatters in skin: monte_carlo, or the paper's dipole")
+      ->check(CLI::IsMember({"monte_carlo", "dipole"}))
+      ->capture_default_str();
+  run->add_option("--indirect", words.indirect,
+                  "One bounce of light between parts of the face: on, off")
       ->check(CLI::IsMember({"on", "off"}))
       ->capture_default_str();
   run->add_option("--seed", options.seed, "Of the sensor's noise")->capture_default_str();
@@ -37,15 +47,16 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape): CLI11's
       "The virtual rig: devices at the far end of real wires, and a head in front of them");
   app.require_subcommand(1);
   hw_sim::RunOptions run;
-  std::string indirect = "on";
+  RunWords words;
   hw_sim::JudgeOptions judge;
-  add_run(app, run, indirect);
+  add_run(app, run, words);
   add_judge(app, judge);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {  // also --help
     return app.exit(error) == 0 ? hw_sim::kExitDone : hw_sim::kExitUsage;
   }
-  run.has_indirect = indirect == "on";
+  run.has_indirect = words.indirect == "on";
+  run.is_dipole = words.scattering == "dipole";
   return app.got_subcommand("run") ? hw_sim::run_command(run) : hw_sim::judge_command(judge);
 }

@@ -85,6 +85,7 @@ rig::Result<std::unique_ptr<HeadWorld>> make_world(const rig::RigFile& rig,
   SceneOptions scene;
   scene.name = options.scene;
   scene.has_indirect = options.has_indirect;
+  scene.scattering = options.is_dipole ? ScatteringModel::kDipole : ScatteringModel::kMonteCarlo;
   scene.seed = options.seed;
   scene.cache_folder = default_cache_folder();
   return HeadWorld::create(*camera, projector, *calibration, scene, show_progress);

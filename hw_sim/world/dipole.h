@@ -6,9 +6,13 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 namespace hw_sim {
+
+// Which physics a world follows.
+enum class ScatteringModel { kMonteCarlo, kDipole };
 
 struct Scattering {
   double sigma_a_per_mm = 0;
@@ -16,6 +20,9 @@ struct Scattering {
   bool operator==(const Scattering&) const = default;
   double translucency_mm() const;  // l_d, eq. 6
 };
+
+// R_d of a material, whichever the physics.
+using TotalReflectance = std::function<double(const Scattering&)>;
 
 class Dipole {
  public:

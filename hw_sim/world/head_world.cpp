@@ -12,6 +12,7 @@
 #include <optional>
 
 #include "hw_sim/world/interreflection.h"
+#include "hw_sim/world/scatter_table.h"
 #include "hw_sim/world/scene.h"
 #include "hw_sim/world/seen_points.h"
 #include "hw_sim/world/sensor.h"
@@ -25,6 +26,8 @@ namespace {
 
 using estimation::CameraInfo;
 using estimation::Image;
+
+constexpr std::uint64_t kPhotonSeed = 20260;  // one walk serves all scenes
 
 // What must be known before a picture can be simulated, all of it in one message.
 rig::Result<void> check_inputs(const CameraInfo& camera, const estimation::ProjectorInfo& projector,
@@ -80,6 +83,7 @@ struct HeadWorld::Parts {
   std::unique_ptr<Surface> surface;
   std::unique_ptr<ProjectorLight> light;
   SeenPoints seen;
+  std::optional<ScatterTable> scattering;  // none: the paper's dipole
   Transport transport;
   Interreflection indirect;
   SensorModel sensor;
@@ -95,6 +99,13 @@ struct HeadWorld::Parts {
   static constexpr std::size_t kPreparedLimit = 6;
   mutable std::mutex prepared_mutex;
   mutable std::list<std::shared_ptr<Prepared>> prepared;  // newest first; guarded by prepared_mutex
+
+  TotalReflectance total_reflectance() const {
+    if (scattering)
+      return [this](const Scattering& medium) { return scattering->total_reflectance(medium); };
+    return [](const Scattering& medium) { return Dipole(medium).total_reflectance(); };
+  }
+  const ScatterTable* table() const { return scattering ? &*scattering : nullptr; }
 
   Image<float> linear_image(const Picture& picture) const;
   // Shared: an exposure may still read an image that newer pictures have pushed out.
@@ -181,21 +192,27 @@ rig::Result<std::unique_ptr<HeadWorld>> HeadWorld::create(
     tell(0.02, "camera rays");
     p.seen = find_seen_points(camera, eye, lamp, projector.height_px, projector.width_px,
                               *p.surface, *p.skin);
-    const TransportCache cache(options.cache_folder, cache_key(camera, projector, calibration,
-                                                               options.name, p.seen.samples));
-    if (cache.load(p.transport, p.seen.samples, *p.light)) {
+    if (options.scattering == ScatteringModel::kMonteCarlo && !p.seen.samples.empty())
+      p.scattering = ScatterTable::cached(
+          options.cache_folder, options.photons_per_angle, kPhotonSeed,
+          [&](double done_frac) { tell(0.03 + 0.3 * done_frac, "photons through skin"); });
+    const TransportCache cache(
+        options.cache_folder,
+        cache_key(camera, projector, calibration, options.name, options.scattering,
+                  options.photons_per_angle, p.seen.samples));
+    if (cache.load(p.transport, p.seen.samples, *p.light, p.table())) {
       tell(0.9, "light transport from the cache");
     } else {
-      tell(0.05, "projector rays");
-      p.transport = Transport::build(p.seen.samples, *p.light, [&](double done_frac) {
-        tell(0.1 + 0.8 * done_frac, "light transport");
+      tell(0.33, "projector rays");
+      p.transport = Transport::build(p.seen.samples, *p.light, p.table(), [&](double done_frac) {
+        tell(0.35 + 0.55 * done_frac, "light transport");
       });
       cache.save(p.transport);
     }
     if (options.has_indirect) {
       tell(0.9, "interreflection");
       p.light->coarse();  // read for every picture: cast it now, not under the first one
-      p.indirect = Interreflection(*p.surface, *p.skin, *p.light, p.seen);
+      p.indirect = Interreflection(*p.surface, *p.skin, *p.light, p.seen, p.total_reflectance());
     }
     tell(1, "ready");
   });
@@ -258,7 +275,8 @@ estimation::Result<void> HeadWorld::write_truth(const std::filesystem::path& fol
     std::vector<std::array<float, 3>> received;
     if (p.options.has_indirect)
       received = p.indirect.received(std::as_const(white.brightness).view());
-    written = hw_sim::write_truth(folder, p.camera, p.seen, *p.light, received);
+    written = hw_sim::write_truth(folder, p.camera, p.seen, *p.light, received,
+                                  p.options.scattering, p.total_reflectance());
   });
   return written;
 }

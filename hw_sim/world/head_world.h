@@ -13,12 +13,15 @@
 #include "estimation/session/error.h"
 #include "estimation/session/manifest.h"
 #include "hw_sim/world.h"
+#include "hw_sim/world/dipole.h"
 #include "rig/fault.h"
 
 namespace hw_sim {
 
 struct SceneOptions {
-  std::string name = "face_female";    // see scene.h
+  std::string name = "face_female";  // see scene.h
+  ScatteringModel scattering = ScatteringModel::kDipole;
+  int photons_per_angle = 1'000'000;   // of Monte Carlo: reflectances within 0.1%
   bool has_indirect = true;            // one bounce of light between parts of the face
   std::uint64_t seed = 1;              // of the sensor's noise
   int thread_count = 0;                // 0: as many as there are cores

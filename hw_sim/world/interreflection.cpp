@@ -51,14 +51,11 @@ std::vector<Vec3> cosine_directions() {
   return directions;
 }
 
-float total_reflectance(const Scattering& scattering) {
-  return static_cast<float>(Dipole(scattering).total_reflectance());
-}
-
 }  // namespace
 
 Interreflection::Interreflection(const Surface& surface, const SkinMap& skin,
-                                 const ProjectorLight& light, const SeenPoints& seen)
+                                 const ProjectorLight& light, const SeenPoints& seen,
+                                 const TotalReflectance& reflectance_of)
     : light_(&light) {
   const Mesh& mesh = surface.mesh();
   std::unordered_map<std::int64_t, std::int32_t> patch_of_cell;
@@ -85,7 +82,7 @@ Interreflection::Interreflection(const Surface& surface, const SkinMap& skin,
     }
     const Skin here = skin.at(patch.point_mm);
     for (std::size_t band = 0; band < 3; ++band)
-      patch.reflectance[band] = total_reflectance(here.material.bands[band]);
+      patch.reflectance[band] = static_cast<float>(reflectance_of(here.material.bands[band]));
   });
   gather_form_factors(surface);
 
@@ -116,7 +113,7 @@ Interreflection::Interreflection(const Surface& surface, const SkinMap& skin,
       for (Share& share : shares) share.weight /= sum;
   });
   for (const SeenSample& sample : seen.samples)
-    sample_reflectance_.push_back(total_reflectance(sample.scattering));
+    sample_reflectance_.push_back(static_cast<float>(reflectance_of(sample.scattering)));
 }
 
 void Interreflection::gather_form_factors(const Surface& surface) {

@@ -19,7 +19,7 @@ class Interreflection {
  public:
   Interreflection() = default;
   Interreflection(const Surface& surface, const SkinMap& skin, const ProjectorLight& light,
-                  const SeenPoints& seen);
+                  const SeenPoints& seen, const TotalReflectance& reflectance_of);
 
   // Indirect irradiance [seen point][band] under a picture, in units of the irradiance at the
   // reference distance; smooth over the surface.

@@ -60,8 +60,11 @@ SeenPoints find_seen_points(const estimation::CameraInfo& camera, const Pinhole&
                              ? 1
                              : estimation::band_at(camera, seen.row, seen.col, channel);
         SeenSample sample;
-        for (int axis = 0; axis < 3; ++axis)
-          sample.point_mm[static_cast<std::size_t>(axis)] = static_cast<float>(seen.point_mm[axis]);
+        for (int axis = 0; axis < 3; ++axis) {
+          const auto a = static_cast<std::size_t>(axis);
+          sample.point_mm[a] = static_cast<float>(seen.point_mm[axis]);
+          sample.normal[a] = static_cast<float>(seen.normal[axis]);
+        }
         sample.sample = (seen.row * camera.width_px + seen.col) * channels + channel;
         sample.cos_projector = static_cast<float>(seen.cos_projector);
         sample.scattering = seen.skin.material.bands[static_cast<std::size_t>(band)];

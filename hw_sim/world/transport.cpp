@@ -9,6 +9,9 @@
 #include <istream>
 #include <mutex>
 #include <ostream>
+#include <utility>
+
+#include "hw_sim/world/skin_around.h"
 
 namespace hw_sim {
 
@@ -38,6 +41,14 @@ bool needs_fine(const SeenSample& sample, const Pinhole& projector) {
   return distance_mm / projector.focal_px() / cosine > kCoarseSpacing * depth_mm;
 }
 
+// The paper's dipole, smooth enough for the lattice alone.
+struct DipoleAround {
+  const KernelTable& kernel;
+  float radius2_mm2() const { return kernel.radius2_mm2(); }
+  float at(float distance2, float, float, float) const { return kernel.at(distance2); }
+  static std::vector<SkinAround::Patch> near_patches() { return {}; }
+};
+
 // A sphere around a point as the projector sees it, px.
 struct Disc {
   double row_px = 0, col_px = 0, radius_px = 0;
@@ -46,9 +57,9 @@ struct Disc {
 // The lattice points of `lattice` within `rect` (projector pixels, grown by `margin` points) and
 // within the kernel's radius, which `disc` holds: calls use(lattice row, lattice col, index,
 // weight).
-template <typename Use>
+template <typename Around, typename Use>
 void for_each_lit(const LightLattice& lattice, const Disc& disc, const Rect& rect, int margin,
-                  const std::array<float, 3>& point, const KernelTable& kernel, const Use& use) {
+                  const std::array<float, 3>& point, const Around& kernel, const Use& use) {
   const int n = lattice.per_px;
   const int row_begin = std::max(rect.row_begin * n - margin, 0);
   const int row_end = std::min(rect.row_end * n + margin, lattice.height);
@@ -68,7 +79,8 @@ void for_each_lit(const LightLattice& lattice, const Disc& disc, const Rect& rec
       const float dy = lattice.y_mm[i] - point[1];
       const float dz = lattice.z_mm[i] - point[2];
       const float distance2 = dx * dx + dy * dy + dz * dz;
-      if (distance2 < radius2) use(row, col, i, lattice.flux_mm2[i] * kernel.at(distance2));
+      if (distance2 < radius2)
+        use(row, col, i, lattice.flux_mm2[i] * kernel.at(distance2, dx, dy, dz));
     }
   }
 }
@@ -83,6 +95,17 @@ std::vector<float> to_pixels(const std::vector<float>& points, int margin, int p
         pixels[px] += kSquareTaps[tap] * points[center + tap - 2];
     }
   return pixels;
+}
+
+// Adds `weight`, spread evenly over `extent` px around `center_px`, to the pixels from `first` on.
+void spread(double center_px, double extent, double weight, int first, std::vector<float>& pixels) {
+  const double begin = center_px - extent / 2 + 0.5 - first, end = begin + extent;
+  const int last = static_cast<int>(pixels.size()) - 1;
+  for (int px = std::max(0, static_cast<int>(std::floor(begin)));
+       px <= std::min(last, static_cast<int>(std::floor(end))); ++px) {
+    const double covered = std::min(end, px + 1.0) - std::max(begin, static_cast<double>(px));
+    if (covered > 0) pixels[to_size(px)] += static_cast<float>(weight * covered / extent);
+  }
 }
 
 std::uint64_t dot(const std::uint16_t* responses, const unsigned char* line, int count) {
@@ -134,20 +157,31 @@ SplitPicture split_picture(estimation::ImageView<const unsigned char> brightness
 // What one task makes for its chunk of samples.
 struct Transport::Worker {
   const ProjectorLight& light;
+  const ScatterTable* table;
   const LightLattice& coarse;
   const LightLattice& fine;  // `coarse` where no sample needs the finer one
   std::vector<std::uint16_t> responses;
-  // Neighbours mostly share their material: keep its kernel.
+  // Neighbours mostly share their material: keep its dipole.
   Scattering scattering;
   KernelTable kernel;
   double radius_mm = 0;
 
-  void use_material(const Scattering& wanted) {
-    if (wanted == scattering) return;
-    scattering = wanted;
-    const Dipole dipole(wanted);
-    radius_mm = dipole.radius_with_tail_mm(kTailFrac);
-    kernel = KernelTable(dipole, radius_mm);
+  // Calls use(around) with what surrounds the sample; sets radius_mm.
+  template <typename Use>
+  void around(const SeenSample& sample, const Use& use) {
+    if (table != nullptr) {
+      const SkinAround skin(*table, sample, light);
+      radius_mm = skin.radius_mm();
+      use(skin);
+      return;
+    }
+    if (!(sample.scattering == scattering)) {
+      scattering = sample.scattering;
+      const Dipole dipole(scattering);
+      radius_mm = dipole.radius_with_tail_mm(kTailFrac);
+      kernel = KernelTable(dipole, radius_mm);
+    }
+    use(DipoleAround{kernel});
   }
 
   // What the projector sees of the sphere of the kernel's radius; one more pixel for the lens's
@@ -175,12 +209,17 @@ struct Transport::Worker {
   }
 
   Entry measure(const SeenSample& sample) {
-    use_material(sample.scattering);
-    const Disc disc = disc_of(sample);
     Entry entry;
+    around(sample, [&](const auto& surroundings) { measure(sample, surroundings, entry); });
+    return entry;
+  }
+
+  template <typename Around>
+  void measure(const SeenSample& sample, const Around& surroundings, Entry& entry) {
+    const Disc disc = disc_of(sample);
     entry.reach = reach_of(disc);
-    if (entry.reach.empty()) return entry;
-    entry.is_fine = needs_fine(sample, light.projector()) ? 1 : 0;
+    if (entry.reach.empty()) return;
+    entry.is_fine = table == nullptr && needs_fine(sample, light.projector()) ? 1 : 0;
     const LightLattice& lattice = entry.is_fine != 0 ? fine : coarse;
     constexpr int kMargin = 2;  // for the square filter
     const int n = lattice.per_px;
@@ -188,14 +227,18 @@ struct Transport::Worker {
     std::vector<float> by_col(to_size((reach.col_end - reach.col_begin) * n + 2 * kMargin), 0.0F);
     std::vector<float> by_row(to_size((reach.row_end - reach.row_begin) * n + 2 * kMargin), 0.0F);
     const int first_col = reach.col_begin * n - kMargin, first_row = reach.row_begin * n - kMargin;
-    for_each_lit(lattice, disc, reach, kMargin, sample.point_mm, kernel,
+    for_each_lit(lattice, disc, reach, kMargin, sample.point_mm, surroundings,
                  [&](int row, int col, std::size_t, float weight) {
                    by_col[to_size(col - first_col)] += weight;
                    by_row[to_size(row - first_row)] += weight;
                  });
-    entry.windows[0] = store(to_pixels(by_col, kMargin, n), reach.col_begin);
-    entry.windows[1] = store(to_pixels(by_row, kMargin, n), reach.row_begin);
-    return entry;
+    std::vector<float> cols = to_pixels(by_col, kMargin, n), rows = to_pixels(by_row, kMargin, n);
+    for (const SkinAround::Patch& patch : surroundings.near_patches()) {
+      spread(patch.col_px, patch.col_extent_px, patch.weight, reach.col_begin, cols);
+      spread(patch.row_px, patch.row_extent_px, patch.weight, reach.row_begin, rows);
+    }
+    entry.windows[0] = store(cols, reach.col_begin);
+    entry.windows[1] = store(rows, reach.row_begin);
   }
 
   // 16 bits relative to the largest: steps of 8e-6 of what a whole picture adds. Leading and
@@ -221,23 +264,25 @@ struct Transport::Worker {
 };
 
 Transport Transport::build(const std::vector<SeenSample>& samples, const ProjectorLight& light,
-                           const Progress& progress) {
+                           const ScatterTable* table, const Progress& progress) {
   Transport transport;
+  transport.table_ = table;
   transport.samples_ = &samples;
   transport.light_ = &light;
   transport.entries_.resize(samples.size());
   const LightLattice& coarse = light.coarse();
   // Decided before the parallel loop: casting light is itself parallel.
-  const bool any_fine = std::any_of(samples.begin(), samples.end(), [&](const SeenSample& sample) {
-    return needs_fine(sample, light.projector());
-  });
+  const bool any_fine = table == nullptr &&
+                        std::any_of(samples.begin(), samples.end(), [&](const SeenSample& sample) {
+                          return needs_fine(sample, light.projector());
+                        });
   const LightLattice& fine = any_fine ? light.fine() : coarse;
   const std::size_t chunk_count = (samples.size() + kChunk - 1) / kChunk;
   std::vector<std::vector<std::uint16_t>> chunks(chunk_count);
   std::mutex progress_mutex;
   std::size_t done_count = 0;  // guarded by progress_mutex
   tbb::parallel_for(std::size_t{0}, chunk_count, [&](std::size_t chunk) {
-    Worker worker{light, coarse, fine, {}, {}, {}};
+    Worker worker{light, table, coarse, fine, {}, {}, {}};
     const std::size_t end = std::min(samples.size(), (chunk + 1) * kChunk);
     for (std::size_t i = chunk * kChunk; i < end; ++i)
       transport.entries_[i] = worker.measure(samples[i]);
@@ -272,7 +317,7 @@ void Transport::save(std::ostream& out) const {
 }
 
 bool Transport::load(std::istream& in, const std::vector<SeenSample>& samples,
-                     const ProjectorLight& light) {
+                     const ProjectorLight& light, const ScatterTable* table) {
   std::uint64_t sizes[2] = {0, 0};
   in.read(reinterpret_cast<char*>(sizes), sizeof(sizes));
   // More than 4096 responses a sample is no transport of ours but a damaged size.
@@ -285,6 +330,7 @@ bool Transport::load(std::istream& in, const std::vector<SeenSample>& samples,
           static_cast<std::streamsize>(responses_.size() * sizeof(std::uint16_t)));
   samples_ = &samples;
   light_ = &light;
+  table_ = table;
   return static_cast<bool>(in);
 }
 
@@ -334,12 +380,11 @@ void Transport::add_rest(estimation::ImageView<const unsigned char> brightness,
   tbb::parallel_for(
       tbb::blocked_range<std::size_t>(0, entries_.size(), kChunk),
       [&](const tbb::blocked_range<std::size_t>& range) {
-        Worker worker{*light_, coarse, fine, {}, {}, {}};
+        Worker worker{*light_, table_, coarse, fine, {}, {}, {}};
         for (std::size_t i = range.begin(); i < range.end(); ++i) {
           const Entry& entry = entries_[i];
           if (!entry.reach.meets(split.rest)) continue;
           const SeenSample& sample = (*samples_)[i];
-          worker.use_material(sample.scattering);
           const bool is_fine = entry.is_fine != 0;
           const std::vector<float>& lit = is_fine ? fine_light : coarse_light;
           const Rect both{std::max(entry.reach.row_begin, split.rest.row_begin - 2),
@@ -347,10 +392,16 @@ void Transport::add_rest(estimation::ImageView<const unsigned char> brightness,
                           std::max(entry.reach.col_begin, split.rest.col_begin - 2),
                           std::min(entry.reach.col_end, split.rest.col_end + 2)};
           double sum = 0;
-          for_each_lit(is_fine ? fine : coarse, worker.disc_of(sample), both, 2, sample.point_mm,
-                       worker.kernel, [&](int, int, std::size_t index, float weight) {
-                         sum += static_cast<double>(weight) * static_cast<double>(lit[index]);
-                       });
+          worker.around(sample, [&](const auto& surroundings) {
+            for_each_lit(is_fine ? fine : coarse, worker.disc_of(sample), both, 2, sample.point_mm,
+                         surroundings, [&](int, int, std::size_t index, float weight) {
+                           sum += static_cast<double>(weight) * static_cast<double>(lit[index]);
+                         });
+            for (const SkinAround::Patch& patch : surroundings.near_patches())
+              sum += patch.weight * static_cast<double>(std::as_const(rest).at(
+                                        static_cast<int>(std::lround(patch.row_px)),
+                                        static_cast<int>(std::lround(patch.col_px))));
+          });
           linear[to_size(sample.sample)] += static_cast<float>(sum);
         }
       });

@@ -1,6 +1,6 @@
 // Subsurface light transport: each camera sample's response to the projector's columns, to its
-// rows, and, slowly, to any picture. Integrated over the lit surface in space: paper eq. 7 with
-// eq. 3's kernel of the material at the seen point.
+// rows, and, slowly, to any picture. Integrated over the lit surface in space, paper eq. 7, with
+// the kernel of the material at the seen point: eq. 3's dipole, or Monte Carlo's by direction.
 #pragma once
 
 #include <array>
@@ -15,9 +15,12 @@
 
 namespace hw_sim {
 
+class ScatterTable;
+
 // A sample of the camera that sees the surface: one for mono and Bayer pixels, three for RGB.
 struct SeenSample {
   std::array<float, 3> point_mm{};
+  std::array<float, 3> normal{};
   std::int32_t sample = 0;  // index into the frame's samples
   float cos_projector = 0;  // between normal and the direction to the projector
   Scattering scattering;    // of its band
@@ -49,11 +52,13 @@ class Transport {
  public:
   // Runs in the caller's TBB arena; the same bytes for any number of threads. `progress` is called
   // from one thread at a time.
+  //   table  of the skin's scattering, must outlive the transport; null: the paper's dipole
   static Transport build(const std::vector<SeenSample>& samples, const ProjectorLight& light,
-                         const Progress& progress);
+                         const ScatterTable* table, const Progress& progress);
   void save(std::ostream& out) const;
   // False on a short stream or one made for another number of samples.
-  bool load(std::istream& in, const std::vector<SeenSample>& samples, const ProjectorLight& light);
+  bool load(std::istream& in, const std::vector<SeenSample>& samples, const ProjectorLight& light,
+            const ScatterTable* table);
 
   // Adds each sample's reflectance factor (irradiance not normalised) under a picture to
   // `linear[sample]`. Runs in the caller's arena.
@@ -83,6 +88,7 @@ class Transport {
 
   const std::vector<SeenSample>* samples_ = nullptr;
   const ProjectorLight* light_ = nullptr;
+  const ScatterTable* table_ = nullptr;
   std::vector<Entry> entries_;  // one a sample
   std::vector<std::uint16_t> responses_;
 };

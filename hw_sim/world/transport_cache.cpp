@@ -16,7 +16,7 @@ namespace hw_sim {
 namespace {
 
 // Raise it whenever the transport's code changes what it computes or how it is stored.
-constexpr std::uint64_t kVersion = 1;
+constexpr std::uint64_t kVersion = 2;
 
 // 64 bits over 8 bytes at a time: for damage and for content, not against an adversary.
 class Hash {
@@ -70,9 +70,11 @@ class HashedBuffer final : public std::streambuf {
 std::string cache_key(const estimation::CameraInfo& camera,
                       const estimation::ProjectorInfo& projector,
                       const estimation::Calibration& calibration, const std::string& scene_name,
+                      ScatteringModel model, int photons_per_angle,
                       const std::vector<SeenSample>& samples) {
   Hash hash;
   hash.add(static_cast<double>(kVersion));
+  hash.add(model == ScatteringModel::kDipole ? 0.0 : static_cast<double>(photons_per_angle));
   hash.add(scene_name.data(), scene_name.size());
   for (const int value :
        {camera.width_px, camera.height_px, camera.roi_x_px, camera.roi_y_px,
@@ -103,14 +105,14 @@ TransportCache::TransportCache(const std::filesystem::path& folder, const std::s
 }
 
 bool TransportCache::load(Transport& transport, const std::vector<SeenSample>& samples,
-                          const ProjectorLight& light) const {
+                          const ProjectorLight& light, const ScatterTable* table) const {
   if (file_.empty()) return false;
   std::ifstream file(file_, std::ios::binary);
   if (!file) return false;
   HashedBuffer buffer(file.rdbuf());
   std::istream in(&buffer);
   Transport loaded;
-  if (!loaded.load(in, samples, light)) return false;
+  if (!loaded.load(in, samples, light, table)) return false;
   const std::uint64_t computed = buffer.value();
   std::uint64_t stored = 0;
   file.read(reinterpret_cast<char*>(&stored), sizeof(stored));

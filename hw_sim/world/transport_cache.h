@@ -13,6 +13,7 @@ namespace hw_sim {
 std::string cache_key(const estimation::CameraInfo& camera,
                       const estimation::ProjectorInfo& projector,
                       const estimation::Calibration& calibration, const std::string& scene_name,
+                      ScatteringModel model, int photons_per_angle,
                       const std::vector<SeenSample>& samples);
 
 // A cache never fails: a file that is missing, damaged or unwritable is computed again.
@@ -20,7 +21,7 @@ class TransportCache {
  public:
   TransportCache(const std::filesystem::path& folder, const std::string& key);  // empty: no cache
   bool load(Transport& transport, const std::vector<SeenSample>& samples,
-            const ProjectorLight& light) const;
+            const ProjectorLight& light, const ScatterTable* table) const;
   void save(const Transport& transport) const;  // under a temporary name, then renamed
 
  private:

@@ -61,7 +61,6 @@ struct TruthImages {
     maps.width_px = camera.width_px;
     maps.band_count = estimation::band_count(camera.pixel_format.filter);
     maps.method = "truth";
-    maps.scattering_model = "dipole";
     for (std::size_t band = 0; band < static_cast<std::size_t>(maps.band_count); ++band)
       for (auto* each : {&maps.sigma_a_per_mm, &maps.sigma_s_prime_per_mm, &maps.translucency_mm,
                          &maps.diffuse_reflectance, &maps.indirect})
@@ -78,13 +77,13 @@ struct TruthImages {
 };
 
 void set_material(const SeenPoint& point, const std::array<float, 3>& received, double gain,
-                  estimation::Maps& maps) {
+                  const TotalReflectance& reflectance_of, estimation::Maps& maps) {
   const int row = point.row, col = point.col;
   for (std::size_t band = 0; band < static_cast<std::size_t>(maps.band_count); ++band) {
     // A mono camera's one band is the materials' green (seen_points.cpp).
     const std::size_t color = maps.band_count == 1 ? 1 : band;
     const Scattering& scattering = point.skin.material.bands[color];
-    const double reflectance = Dipole(scattering).total_reflectance();
+    const double reflectance = reflectance_of(scattering);
     maps.sigma_a_per_mm[band].at(row, col) = static_cast<float>(scattering.sigma_a_per_mm);
     maps.sigma_s_prime_per_mm[band].at(row, col) =
         static_cast<float>(scattering.sigma_s_prime_per_mm);
@@ -101,8 +100,11 @@ void set_material(const SeenPoint& point, const std::array<float, 3>& received, 
 estimation::Result<void> write_truth(const std::filesystem::path& folder,
                                      const estimation::CameraInfo& camera, const SeenPoints& seen,
                                      const ProjectorLight& light,
-                                     const std::vector<std::array<float, 3>>& received) {
+                                     const std::vector<std::array<float, 3>>& received,
+                                     ScatteringModel model,
+                                     const TotalReflectance& reflectance_of) {
   TruthImages out(camera);
+  out.maps.scattering_model = model == ScatteringModel::kDipole ? "dipole" : "monte_carlo";
   const Image<float> break_px = distance_to_break_px(camera, seen);
   const Pinhole& lamp = light.projector();
   for (std::size_t i = 0; i < seen.points.size(); ++i) {
@@ -111,7 +113,8 @@ estimation::Result<void> write_truth(const std::filesystem::path& folder,
     const double ratio =
         light.reference_distance_mm() / cv::norm(point.point_mm - lamp.center_mm());
     const double gain = point.cos_projector * ratio * ratio;  // G of the session contract
-    set_material(point, received.empty() ? std::array<float, 3>{} : received[i], gain, out.maps);
+    set_material(point, received.empty() ? std::array<float, 3>{} : received[i], gain,
+                 reflectance_of, out.maps);
     for (int axis = 0; axis < 3; ++axis) {
       const auto a = static_cast<std::size_t>(axis);
       out.maps.position_mm[a].at(row, col) = static_cast<float>(point.point_mm[axis]);

@@ -17,6 +17,7 @@ namespace hw_sim {
 estimation::Result<void> write_truth(const std::filesystem::path& folder,
                                      const estimation::CameraInfo& camera, const SeenPoints& seen,
                                      const ProjectorLight& light,
-                                     const std::vector<std::array<float, 3>>& received);
+                                     const std::vector<std::array<float, 3>>& received,
+                                     ScatteringModel model, const TotalReflectance& reflectance_of);
 
 }  // namespace hw_sim

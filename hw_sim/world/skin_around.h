@@ -1,0 +1,51 @@
+// One camera sample's surroundings as light transport sums them when skin scatters as Monte Carlo
+// says: the kernel is singular where light enters, so what is near is integrated in polar
+// coordinates on the tangent plane, and only the smooth rest over the projector's lattice of rays.
+#pragma once
+
+#include <vector>
+
+#include "hw_sim/world/projector_light.h"
+#include "hw_sim/world/scatter_table.h"
+#include "hw_sim/world/transport.h"
+
+namespace hw_sim {
+
+class SkinAround {
+ public:
+  SkinAround(const ScatterTable& table, const SeenSample& sample, const ProjectorLight& light);
+
+  float radius2_mm2() const { return radius2_; }
+  double radius_mm() const { return kernel_.radius_mm(); }
+
+  // What light entering at an offset (dx, dy, dz; its square distance2) adds, 1/mm^2, less the near
+  // part.
+  float at(float distance2, float dx, float dy, float dz) const;
+
+  // The near part: light that enters within a small patch adds `weight` if its projector pixels are
+  // lit; in projector px. Patches in shadow are left out.
+  struct Patch {
+    double row_px = 0, col_px = 0;                // centre
+    double row_extent_px = 0, col_extent_px = 0;  // full widths
+    double weight = 0;
+  };
+  std::vector<Patch> near_patches() const;
+
+ private:
+  struct Slopes;
+  Slopes slopes() const;
+  bool is_lit(double row_px, double col_px) const;
+  // Terms times area of knots from the first radius (0: a core) to the last.
+  void add_ring(const std::array<double, SkinKernel::kTerms>& light, double first_mm,
+                double last_mm, const Slopes& slopes, std::vector<Patch>& patches) const;
+
+  const ProjectorLight& light_;
+  estimation::Vec3 point_, along_, across_;  // along: the way in, projected on the surface
+  SkinKernel kernel_;
+  double irradiance_ = 0;   // of the sample's own place under white light
+  float transmission_ = 0;  // of the boundary, for light from the projector
+  float radius2_ = 0;
+  double near_mm_ = 0, far_mm_ = 0;  // the near part fades out from the one to the other
+};
+
+}  // namespace hw_sim

@@ -1,0 +1,133 @@
+// The simulator's own white Monte Carlo: photons through a half space that scatters and does not
+// absorb; absorption is exp(-sigma_a L) over the path length L afterwards. Lengths in units of
+// 1 / sigma_s'. Henyey-Greenstein with g 0.8, refractive index 1.4, exact unpolarised Fresnel
+// boundary. Shares nothing with the estimator's program: two that agree are evidence.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+
+namespace hw_sim {
+
+inline constexpr double kSkinIndex = 1.4;
+inline constexpr double kSkinAnisotropy = 0.8;
+
+// Reflectance of the boundary for unpolarised light, from the medium `from` into the medium `into`;
+// 1 beyond the critical angle.
+double fresnel_reflectance(double cos_from, double from_index, double into_index);
+
+// xoshiro256+, seeded by splitmix64: a stream of its own for each strand of photons.
+class PhotonRandom {
+ public:
+  explicit PhotonRandom(std::uint64_t seed);
+  // In (0, 1].
+  double uniform() { return (static_cast<double>(next() >> 11) + 1) * 0x1p-53; }
+
+ private:
+  std::uint64_t next() {
+    const std::uint64_t result = state_[0] + state_[3], t = state_[1] << 17;
+    state_[2] ^= state_[0];
+    state_[3] ^= state_[1];
+    state_[1] ^= state_[2];
+    state_[0] ^= state_[3];
+    state_[2] ^= t;
+    state_[3] = (state_[3] << 45) | (state_[3] >> 19);
+    return result;
+  }
+  std::array<std::uint64_t, 4> state_{};
+};
+
+// Where a photon leaves, and with how much of its weight.
+struct PhotonExit {
+  double x = 0, y = 0;                      // from where it entered; x along its way in
+  double cos_exit = 1;                      // outside
+  double cos_azimuth = 1, sin_azimuth = 0;  // of its direction, from x
+  double path_length = 0;
+  double weight = 0;
+};
+
+struct Walk {
+  // Paths beyond carry less than exp(-6) at the least absorption that is tabulated.
+  static constexpr double kLongest = 8000;
+  // This deep the direction of the last few flights no longer matters: isotropic scattering with
+  // the same sigma_s' (similarity) takes a fifth of the steps.
+  static constexpr double kDeep = 6;
+
+  double x = 0, y = 0, z = 0;  // z into the medium
+  double u = 0, v = 0, w = 1;  // direction
+  double length = 0;
+  double weight = 1;
+  bool is_deep = false;
+
+  // Long paths come back rarely, and dim: from kThinned on half of them go on, at double weight, in
+  // each octave.
+  static constexpr double kThinned = 60;
+  double next_thinning = kThinned;
+  bool survives(PhotonRandom& random) {
+    if (length < next_thinning) return true;
+    next_thinning *= 2;
+    weight *= 2;
+    return random.uniform() < 0.5;
+  }
+
+  // To the next scattering; false when the photon is gone.
+  template <typename Use>
+  bool fly(PhotonRandom& random, const Use& on_exit) {
+    while (true) {
+      is_deep = z > kDeep || (z == kDeep && w > 0);
+      const double flight = -std::log(random.uniform()) * (is_deep ? 1 : 1 - kSkinAnisotropy);
+      const double end = z + flight * w;
+      if (end < 0) {
+        advance(-z / w, 0);
+        const double reflected = fresnel_reflectance(-w, kSkinIndex, 1);
+        if (reflected < 1) {
+          on_exit(leaving(1 - reflected));
+          // The rest goes on by chance at full weight: no walk is spent on a remnant.
+          if (random.uniform() > reflected) return false;
+        }
+        w = -w;
+      } else if (is_deep ? end < kDeep : end > kDeep) {
+        advance((kDeep - z) / w, kDeep);  // free flights have no memory: begin anew beyond
+      } else {
+        advance(flight, end);
+        return length < kLongest;
+      }
+      if (length >= kLongest) return false;
+    }
+  }
+
+  void scatter(PhotonRandom& random) {
+    double cosine = 2 * random.uniform() - 1;
+    if (!is_deep) {
+      constexpr double g = kSkinAnisotropy;
+      const double part = (1 - g * g) / (1 + g * cosine);
+      cosine = (1 + g * g - part * part) / (2 * g);
+    }
+    turn(cosine, random);
+  }
+
+ private:
+  void advance(double distance, double new_z) {
+    x += distance * u;
+    y += distance * v;
+    z = new_z;
+    length += distance;
+  }
+  PhotonExit leaving(double share) const;
+  void turn(double cosine, PhotonRandom& random);
+};
+
+// One photon that enters at the origin under `incidence_rad` (outside), its way in along +x: calls
+// on_exit for each exit. All the weights of a photon sum to 1 in the mean, but for its absorption
+// and the paths beyond Walk::kLongest.
+template <typename Use>
+void walk_photon(double incidence_rad, PhotonRandom& random, const Use& on_exit) {
+  Walk walk;
+  walk.u = std::sin(incidence_rad) / kSkinIndex;
+  walk.w = std::sqrt(1 - walk.u * walk.u);
+  while (walk.fly(random, on_exit) && walk.survives(random)) walk.scatter(random);
+}
+
+}  // namespace hw_sim

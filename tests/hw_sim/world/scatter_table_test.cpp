@@ -1,0 +1,240 @@
+// The simulator's white Monte Carlo against conservation laws, an independent Monte Carlo code's
+// figures, and itself: what is tabulated in space is what was walked.
+#include "hw_sim/world/scatter_table.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <complex>
+#include <fstream>
+#include <numbers>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "hw_sim/world/white_walk.h"
+#include "tests/hw_sim/world/test_rig.h"
+
+namespace hw_sim {
+namespace {
+
+using estimation::Image;
+using estimation::Vec3;
+
+constexpr double kDegree = std::numbers::pi / 180;
+constexpr Scattering kCheek[3] = {{0.0525, 1.2814}, {0.1653, 1.5}, {0.2216, 1.1248}};
+constexpr int kPhotons = 150'000;
+
+const ScatterTable& table() {
+  static const ScatterTable made = ScatterTable::make(kPhotons, 5, {});
+  return made;
+}
+
+// sum K exp(2 pi i f (offset along the way in)) over the plane.
+std::complex<double> transform(const SkinKernel& kernel, double freq_per_mm) {
+  std::complex<double> sum = 0;
+  for (std::size_t knot = 0; knot < SkinKernel::kKnots; ++knot) {
+    const SkinKernel::Ring ring = kernel.ring(knot);
+    const double phase = 2 * std::numbers::pi * freq_per_mm * ring.radius_mm;
+    // Integrals over the circle of cos(m a) exp(i phase cos a): Bessel functions.
+    sum +=
+        ring.area_mm2 * (ring.terms[0] * std::cyl_bessel_j(0, phase) +
+                         std::complex<double>(0, 1) * ring.terms[1] * std::cyl_bessel_j(1, phase) -
+                         ring.terms[3] * std::cyl_bessel_j(2, phase));
+  }
+  return sum;
+}
+
+TEST(WhiteWalk, LosesNoEnergy) {
+  PhotonRandom random(3);
+  for (const double incidence_rad : {0.0, 60 * kDegree}) {
+    constexpr int kCount = 40000;
+    double out = 0, cut = 0;
+    for (int i = 0; i < kCount; ++i) {
+      Walk walk;
+      walk.u = std::sin(incidence_rad) / kSkinIndex;
+      walk.w = std::sqrt(1 - walk.u * walk.u);
+      const auto leave = [&](const PhotonExit& exit) { out += exit.weight; };
+      while (walk.fly(random, leave)) {
+        if (!walk.survives(random)) break;
+        walk.scatter(random);
+      }
+      if (walk.length >= Walk::kLongest) cut += walk.weight;
+    }
+    // The thinning's doubled weights scatter: 1.5% is four of this count's standard errors.
+    EXPECT_NEAR((out + cut) / kCount, 1, 0.015);
+    EXPECT_LT(cut / kCount, 0.1);
+  }
+}
+
+TEST(WhiteWalk, BoundaryIsFresnels) {
+  EXPECT_NEAR(fresnel_reflectance(1, 1, 1.4), 1.0 / 36, 1e-12);  // ((n-1)/(n+1))^2
+  EXPECT_NEAR(1 - fresnel_reflectance(std::cos(45 * kDegree), 1, 1.4), 0.963, 5e-4);
+  EXPECT_NEAR(1 - fresnel_reflectance(std::cos(60 * kDegree), 1, 1.4), 0.928, 5e-4);
+  EXPECT_EQ(fresnel_reflectance(0.5, 1.4, 1), 1);  // beyond the critical angle
+  const double into = std::sqrt(1 - std::pow(std::sin(0.6) / 1.4, 2));
+  EXPECT_NEAR(fresnel_reflectance(std::cos(0.6), 1, 1.4), fresnel_reflectance(into, 1.4, 1), 1e-12);
+}
+
+// All exit directions together, normal incidence: tests/data/mc_truth_rf.csv, by another code.
+TEST(ScatterTable, HarmonicsAreThoseOfAnotherMonteCarloCode) {
+  std::ifstream file(SSRIG_TEST_DATA "/mc_truth_rf.csv");
+  ASSERT_TRUE(file);
+  std::string line;
+  int compared = 0;
+  double worst = 0;
+  const double harmonics[] = {0, 0.08, 0.17, 0.25, 0.33, 0.5};  // 0, 1, 2, 3, 4, 6 over 12 mm
+  while (std::getline(file, line)) {
+    if (line.empty() || line[0] == '#' || line.starts_with("name")) continue;
+    for (char& c : line)
+      if (c == ',') c = ' ';
+    std::istringstream row(line);
+    std::string name;
+    Scattering medium;
+    double photons = 0, freq_per_mm = 0, expected = 0;
+    row >> name >> medium.sigma_a_per_mm >> medium.sigma_s_prime_per_mm >> photons >> freq_per_mm >>
+        expected;
+    bool is_wanted = false;
+    for (const double harmonic : harmonics) is_wanted |= std::abs(freq_per_mm - harmonic) < 1e-6;
+    if (!is_wanted) continue;
+    // Lambert's cosine over the exits: their mean in sin^2, and over four azimuths.
+    double found = 0;
+    constexpr int kExits = 60;
+    for (int i = 0; i < kExits; ++i)
+      for (int quarter = 0; quarter < 4; ++quarter)
+        found +=
+            transform(table().kernel(medium, {.exit_rad = std::asin(std::sqrt((i + 0.5) / kExits)),
+                                              .exit_azimuth_rad = quarter * std::numbers::pi / 2}),
+                      freq_per_mm)
+                .real() /
+            (4 * kExits);
+    // A photon's weight is at most about 1: its variance at most R at these frequencies.
+    const double own_se = std::sqrt(expected / kPhotons), file_se = std::sqrt(expected / photons);
+    const double tolerance =
+        (freq_per_mm == 0 ? 0.005 : 0.01) * expected + 3 * std::hypot(own_se, file_se);
+    EXPECT_NEAR(found, expected, tolerance) << name << " at " << freq_per_mm << "/mm";
+    worst = std::max(worst, std::abs(found / expected - 1));
+    ++compared;
+  }
+  EXPECT_EQ(compared, 8 * 6);
+  RecordProperty("worst_relative_error", std::to_string(worst));
+}
+
+// design/estimation.md, section 1: the first harmonic of a 12 mm period on cheek, red. All exits.
+TEST(ScatterTable, ObliqueLightComesOutShifted) {
+  const double published_mm[] = {0.12, 0.25, 0.35, 0.43};
+  const double degrees[] = {14, 30, 45, 60};
+  for (std::size_t i = 0; i < 4; ++i) {
+    std::complex<double> sum = 0;
+    for (int exit = 0; exit < 24; ++exit)
+      for (int side = 0; side < 8; ++side)
+        sum += transform(
+            table().kernel(kCheek[0], {.incidence_rad = degrees[i] * kDegree,
+                                       .exit_rad = std::asin(std::sqrt((exit + 0.5) / 24)),
+                                       .exit_azimuth_rad = (side + 0.5) * std::numbers::pi / 4}),
+            1 / 12.0);
+    EXPECT_NEAR(std::arg(sum) / (2 * std::numbers::pi / 12), published_mm[i], 0.02) << degrees[i];
+  }
+}
+
+TEST(ScatterTable, SwappingTheDirectionsChangesNothing) {
+  for (const Scattering& medium : kCheek)
+    for (const double a : {0.0, 30 * kDegree})
+      for (const double b : {45 * kDegree, 60 * kDegree}) {
+        const auto brightness = [&](double in, double out) {
+          return (1 - fresnel_reflectance(std::cos(in), 1, kSkinIndex)) *
+                 table().kernel(medium, {in, out, std::numbers::pi}).total();
+        };
+        EXPECT_NEAR(brightness(a, b), brightness(b, a), 0.025 * brightness(a, b));
+      }
+}
+
+TEST(ScatterTable, IsTheSameForAnyNumberOfThreadsAndFromItsFile) {
+  const ScratchFolder folder("scattering");
+  const ScatterTable made = ScatterTable::cached(folder.path(), 1600, 9, {});
+  const ScatterTable read =
+      ScatterTable::cached(folder.path(), 1600, 9, [](double) { ADD_FAILURE() << "walked again"; });
+  const SkinKernel a = made.kernel(kCheek[0], {0.3, 0.4, 0.5});
+  const SkinKernel b = read.kernel(kCheek[0], {0.3, 0.4, 0.5});
+  EXPECT_EQ(a.total(), b.total());
+  EXPECT_EQ(a.at(0.3F, 0.1F, 0.5F), b.at(0.3F, 0.1F, 0.5F));
+  EXPECT_GT(a.at(0.3F, 0.1F, 0.5F), 0);
+}
+
+// The world's picture of a flat phantom against the kernel summed over the plane ring by ring.
+TEST(ScatterTable, AWorldSumsTheKernelOverItsSurface) {
+  TestRig rig = make_test_rig(49, 36, 1);
+  const ScratchFolder folder("scattering");
+  SceneOptions options;
+  options.name = "flat_phantom";
+  options.has_indirect = false;
+  options.scattering = ScatteringModel::kMonteCarlo;
+  options.photons_per_angle = 100'000;
+  options.cache_folder = folder.path();
+  options.thread_count = 2;
+  const auto world = make_world(rig, options);
+  ASSERT_TRUE(world);
+  const ScatterTable own = ScatterTable::cached(folder.path(), options.photons_per_angle, 20260,
+                                                [](double) { ADD_FAILURE() << "not the world's"; });
+  std::vector<Image<float>> shots;
+  for (int shift = 0; shift < 40; ++shift)
+    shots.push_back(world->linear_image(
+        make_picture(rig, estimation::Stripes{estimation::Axis::kColumn, 40, 8, shift})));
+  const Vec3 normal(0, 0, -1);
+  const auto& calibration = rig.calibration;
+  const Vec3 lamp = -(calibration.projector_from_camera.t() * calibration.projector_from_camera_mm);
+  const double d0 = *calibration.irradiance->reference_distance_mm;
+  const auto column_of = [&](const Vec3& point) {
+    const Vec3 local =
+        calibration.projector_from_camera * point + calibration.projector_from_camera_mm;
+    return calibration.projector.K(0, 0) * local[0] / local[2] + calibration.projector.K(0, 2);
+  };
+  const int pixels[2][2] = {{18, 25}, {19, 25}};  // G, B
+  for (const auto& [row, col] : pixels) {
+    const auto band = static_cast<std::size_t>(estimation::band_at(rig.camera, row, col));
+    const auto& K = calibration.camera.K;
+    const Vec3 at(1000 * (col - K(0, 2)) / K(0, 0), 1000 * (row - K(1, 2)) / K(1, 1), 1000);
+    const Vec3 to_lamp = (lamp - at) / cv::norm(lamp - at), to_eye = -at / cv::norm(at);
+    const double cos_in = to_lamp.dot(normal);
+    const Vec3 travel = cos_in * normal - to_lamp;
+    const Vec3 along = travel / cv::norm(travel), across = normal.cross(along);
+    const SkinKernel kernel =
+        own.kernel(kCheek[band], {std::acos(cos_in), std::acos(to_eye.dot(normal)),
+                                  std::atan2(to_eye.dot(across), to_eye.dot(along))});
+    std::vector<double> by_column(1024, 0.0);
+    constexpr int kSectors = 256;
+    for (std::size_t knot = 0; knot < SkinKernel::kKnots; ++knot) {
+      const SkinKernel::Ring ring = kernel.ring(knot);
+      if (ring.radius_mm > 26) break;
+      for (int sector = 0; sector < kSectors; ++sector) {
+        const double angle = 2 * std::numbers::pi * (sector + 0.5) / kSectors;
+        const double c = std::cos(angle), s = std::sin(angle);
+        const Vec3 entry = at - ring.radius_mm * (c * along + s * across);
+        const Vec3 back = lamp - entry;
+        const double d = cv::norm(back);
+        const double value = ring.terms[0] + c * ring.terms[1] + s * ring.terms[2] +
+                             (c * c - s * s) * ring.terms[3] + 2 * c * s * ring.terms[4];
+        by_column[static_cast<std::size_t>(std::lround(column_of(entry)))] +=
+            value * ring.area_mm2 / kSectors * back.dot(normal) / d * (d0 / d) * (d0 / d) *
+            (1 - fresnel_reflectance(cos_in, 1, kSkinIndex));
+      }
+    }
+    for (const int n : {0, 1, 2, 3, 4, 6}) {
+      std::complex<double> found = 0, expected = 0;
+      for (int shift = 0; shift < 40; ++shift) {
+        const auto wave = std::polar(1.0, 2 * std::numbers::pi * n * shift / 40) / 8.0;
+        found += wave * static_cast<double>(shots[static_cast<std::size_t>(shift)].at(row, col)) /
+                 calibration.irradiance->signal_per_us[band];
+        for (int c = 0; c < 1024; ++c)
+          if (((c - shift) % 40 + 40) % 40 < 8)
+            expected += wave * by_column[static_cast<std::size_t>(c)];
+      }
+      EXPECT_NEAR(std::abs(found - expected), 0,
+                  0.005 * std::abs(expected) + 2e-4)  // and the photons' noise between the rings
+          << "band " << band << " harmonic " << n << ": " << found << " for " << expected;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace hw_sim
