@@ -6,6 +6,7 @@
 #include "estimation/models/dipole.h"
 #include "estimation/models/gaussians.h"
 #include "estimation/models/monte_carlo.h"
+#include "estimation/models/monte_carlo_angular.h"
 
 namespace estimation {
 
@@ -20,12 +21,14 @@ Result<std::unique_ptr<ScatteringModel>> make_scattering_model(const std::string
     return tl::unexpected(InputError{InputFault::kInvalid, "", "eta",
                                      "is " + std::to_string(medium.eta) + "; expected 1 to 2"});
   if (name == "monte_carlo") return make_monte_carlo(medium);
+  if (name == "monte_carlo_angular") return make_monte_carlo_angular(medium);
   if (name == "dipole") return std::make_unique<Dipole>(medium.eta);
   if (name == "burley") return std::make_unique<Burley>(medium.eta);
   if (name == "gaussians") return std::make_unique<Gaussians>(medium.eta);
-  return tl::unexpected(
-      InputError{InputFault::kInvalid, "", "model",
-                 "is '" + name + "'; known are: dipole, burley, gaussians, monte_carlo"});
+  return tl::unexpected(InputError{InputFault::kInvalid, "", "model",
+                                   "is '" + name +
+                                       "'; known are: dipole, burley, gaussians, monte_carlo, "
+                                       "monte_carlo_angular"});
 }
 
 }  // namespace estimation
