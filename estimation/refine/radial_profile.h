@@ -15,7 +15,8 @@ namespace estimation {
 class RadialProfile {
  public:
   static constexpr double kBlur = 0.12;  // standard deviation along an axis, in l_d
-  static constexpr double kRadius = 4;   // in l_d; beyond lie less than 0.3% of R_d
+  static constexpr double kRadius =
+      5;  // in l_d; beyond lies 0.9% of an R_d of 0.01, below 0.2% of 0.3 and more
   static constexpr std::size_t kStepsPerUnit = 100;
   static constexpr std::size_t kSteps = static_cast<std::size_t>(kRadius) * kStepsPerUnit;
 
