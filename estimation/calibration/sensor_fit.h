@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "estimation/base/image.h"
+#include "estimation/calibration/measured.h"
 #include "estimation/session/error.h"
 
 namespace estimation {
@@ -17,12 +18,6 @@ struct SeriesFrame {
   double exposure_us = 0;
   bool is_dark = false;               // lens capped, or everything off
   ImageView<const std::uint16_t> dn;  // right-aligned, black not removed
-};
-
-// A measured number and its standard deviation, from the data.
-struct Measured {
-  double value = 0;
-  double sd = 0;
 };
 
 struct SensorFit {
