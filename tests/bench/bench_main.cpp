@@ -23,6 +23,8 @@ struct Section {
 constexpr Section kSections[] = {
     {"efficiency", "Efficiency", bench::show_efficiency},
     {"pareto", "Run time against error", bench::show_run_time_against_error},
+    {"budget", "Error budget", bench::show_error_budget},
+    {"truth", "Monte Carlo truth", bench::show_monte_carlo_truth},
 };
 
 std::string processor() {

@@ -245,10 +245,12 @@ void show_efficiency(Bench& bench) {
                                                 .indirect = indirect,
                                                 .shifts_px = plan.shifts_px,
                                                 .sensor = plan.sensor})};
+            ours->prepare(pixels);
             ours->run(pixels, estimates);
             c.ours = errors_of(pixels, estimates, nullptr);
             plan.count = papers_count;
             const PixelSet few = simulate(plan);
+            papers->prepare(few);
             papers->run(few, estimates);
             c.papers = errors_of(few, estimates, nullptr);
             cases.push_back(c);

@@ -22,9 +22,10 @@ struct Measured {
   Errors errors = {};
 };
 
-Measured measure(const Method& method, Kind kind, const PixelSet& pixels,
+Measured measure(Method& method, Kind kind, const PixelSet& pixels,
                  const estimation::ScatteringModel& model, int repeats) {
   std::vector<Estimate> estimates;
+  method.prepare(pixels);
   const double us = time_us([&] { method.run(pixels, estimates); }, pixels.count, repeats);
   return {.name = method.name(),
           .kind = kind,

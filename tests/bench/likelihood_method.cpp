@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "estimation/session/maps.h"
 #include "tests/bench/methods.h"
@@ -43,32 +44,36 @@ class LikelihoodMethod : public Method {
       : name_(std::move(name)), model_(model), table_(table), options_(options) {}
   std::string name() const override { return name_; }
 
+  void prepare(const PixelSet& pixels) override {
+    problem_ = {.shape = pixels.shape,
+                .shifts_px = pixels.shifts_px,
+                .noise = pixels.noise,
+                .projector_black_frac = 0,
+                .model = &model_,
+                .table = &table_,
+                .harmonic_count = options_.harmonic_count,
+                .indirect = options_.indirect};
+    fitter_.emplace(problem_);
+  }
+
   void run(const PixelSet& pixels, std::vector<Estimate>& estimates) const override {
     estimates.resize(pixels.count);
-    FitProblem problem{.shape = pixels.shape,
-                       .shifts_px = pixels.shifts_px,
-                       .noise = pixels.noise,
-                       .projector_black_frac = 0,
-                       .model = &model_,
-                       .table = &table_,
-                       .harmonic_count = options_.harmonic_count,
-                       .indirect = options_.indirect};
     tbb::enumerable_thread_specific<BatchFit> fits;
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, (pixels.count + kBlock - 1) / kBlock, 1),
                       [&](const auto& blocks) {
                         for (std::size_t block = blocks.begin(); block < blocks.end(); ++block)
-                          run_block(problem, pixels, block * kBlock, fits.local(), estimates);
+                          run_block(pixels, block * kBlock, fits.local(), estimates);
                       });
   }
 
  private:
-  void run_block(const FitProblem& problem, const PixelSet& pixels, std::size_t first,
-                 BatchFit& fit, std::vector<Estimate>& estimates) const {
+  void run_block(const PixelSet& pixels, std::size_t first, BatchFit& fit,
+                 std::vector<Estimate>& estimates) const {
     const std::size_t count = std::min(kBlock, pixels.count - first);
     const estimation::PixelBatch batch = pixels.batch(first, count);
     if (options_.is_double) {
       for (std::size_t i = 0; i < count; ++i) {
-        const estimation::PixelFit found = fit_pixel(problem, batch, i);
+        const estimation::PixelFit found = fit_pixel(problem_, batch, i);
         estimates[first + i] = estimate_of(
             found.logit_reflectance, found.log_translucency_px, found.indirect,
             found.covariance[covariance_index(0, 0)], found.covariance[covariance_index(1, 1)],
@@ -76,7 +81,7 @@ class LikelihoodMethod : public Method {
       }
       return;
     }
-    fit_batch(problem, batch, fit);
+    fitter_->fit(batch, fit);
     const auto at = [&](const std::vector<float>& row, std::size_t i) {
       return static_cast<double>(row[i]);
     };
@@ -92,6 +97,8 @@ class LikelihoodMethod : public Method {
   const estimation::ScatteringModel& model_;
   const HarmonicTable& table_;
   LikelihoodOptions options_;
+  FitProblem problem_;
+  std::optional<estimation::BatchFitter> fitter_;
 };
 
 }  // namespace

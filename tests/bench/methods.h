@@ -12,11 +12,13 @@
 
 namespace bench {
 
-// Immutable once made; what it prepares (tables) is not part of the time of run().
+// What a method prepares (tables, starts) is not part of the time of run().
 class Method {
  public:
   virtual ~Method() = default;
   virtual std::string name() const = 0;
+  // Once for each set of pixels, before run().
+  virtual void prepare(const PixelSet&) {}
   // One estimate a pixel.
   virtual void run(const PixelSet& pixels, std::vector<Estimate>& estimates) const = 0;
 };
