@@ -14,6 +14,7 @@ namespace hw_sim {
 struct Exposure {
   std::vector<LightSegment> light;  // what the projector showed while the shutter was open
   std::chrono::microseconds duration{0};
+  std::chrono::nanoseconds start{0};  // on the host's clock
   std::uint64_t trigger_number = 0;  // 1, 2, ...: seeds the noise, and is the frame's identity
 };
 

@@ -14,6 +14,7 @@ struct RunOptions {
   std::filesystem::path rig_file;
   std::string scene = "face_female";
   bool has_indirect = true;
+  std::filesystem::path effects_file;  // empty: perfect optics, nobody moves
   bool is_dipole = false;  // the paper's model in place of Monte Carlo
   std::uint64_t seed = 1;
   std::vector<std::string> command;

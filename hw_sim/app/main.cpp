@@ -27,6 +27,8 @@ void add_run(CLI::App& app, hw_sim::RunOptions& options, RunWords& words) {
                   "One bounce of light between parts of the face: on, off")
       ->check(CLI::IsMember({"on", "off"}))
       ->capture_default_str();
+  run->add_option("--effects", options.effects_file,
+                  "TOML file of what optics, room and subject do: config/effects.example.toml");
   run->add_option("--seed", options.seed, "Of the sensor's noise")->capture_default_str();
   run->add_option("COMMAND", options.command, "After --: the command and its arguments")
       ->required();

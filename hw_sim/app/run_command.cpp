@@ -87,6 +87,11 @@ rig::Result<std::unique_ptr<HeadWorld>> make_world(const rig::RigFile& rig,
   scene.has_indirect = options.has_indirect;
   scene.scattering = options.is_dipole ? ScatteringModel::kDipole : ScatteringModel::kMonteCarlo;
   scene.seed = options.seed;
+  if (!options.effects_file.empty()) {
+    const rig::Result<Effects> effects = read_effects(options.effects_file);
+    if (!effects) return tl::unexpected(effects.error());
+    scene.effects = *effects;
+  }
   scene.cache_folder = default_cache_folder();
   return HeadWorld::create(*camera, projector, *calibration, scene, show_progress);
 }

@@ -1,6 +1,6 @@
 // A lit head in front of the simulated camera: a mesh with the paper's materials, subsurface
-// transport integrated over its surface, one bounce of light between its parts, and an image
-// sensor. The optics are perfect: no blur, no vignetting, no ambient light, a black backdrop.
+// transport integrated over its surface, one bounce of light between its parts, optics and a room
+// as Effects say, and an image sensor before a black backdrop.
 #pragma once
 
 #include <cstdint>
@@ -14,6 +14,7 @@
 #include "estimation/session/manifest.h"
 #include "hw_sim/world.h"
 #include "hw_sim/world/dipole.h"
+#include "hw_sim/world/effects.h"
 #include "rig/fault.h"
 
 namespace hw_sim {
@@ -21,7 +22,8 @@ namespace hw_sim {
 struct SceneOptions {
   std::string name = "face_female";  // see scene.h
   ScatteringModel scattering = ScatteringModel::kDipole;
-  int photons_per_angle = 1'000'000;   // of Monte Carlo: reflectances within 0.1%
+  int photons_per_angle = 1'000'000;  // of Monte Carlo: reflectances within 0.1%
+  Effects effects;
   bool has_indirect = true;            // one bounce of light between parts of the face
   std::uint64_t seed = 1;              // of the sensor's noise
   int thread_count = 0;                // 0: as many as there are cores
@@ -54,8 +56,9 @@ class HeadWorld final : public World {
   void prepare(const std::shared_ptr<const Picture>& picture) const override;
 
   // What the camera would see of a picture without noise: DN/us above black, [height][width]
-  // [channel]. Computed anew.
-  estimation::Image<float> linear_image(const Picture& picture) const;
+  // [channel], `elapsed` after the first exposure. Computed anew.
+  estimation::Image<float> linear_image(
+      const Picture& picture, std::chrono::nanoseconds elapsed = std::chrono::nanoseconds(0)) const;
 
   // The maps of session_format.md that a perfect estimator would give, and scene.exr with the
   // channels region, border_distance_mm (to the nearest zone of mixed materials, silhouette, depth

@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <istream>
 #include <mutex>
+#include <numbers>
 #include <ostream>
 #include <utility>
 
@@ -118,6 +119,54 @@ std::uint64_t dot(const std::uint16_t* responses, const unsigned char* line, int
     total += sum;
   }
   return total;
+}
+
+constexpr float kBlurStep_px = 0.1F;
+
+// The line under a Gaussian blur; its ends continue. The taps' contrast is the Gaussian's at every
+// frequency that pixels hold: pixels are squares already, so the Gaussian is not averaged over
+// them.
+std::vector<float> blurred(const std::vector<unsigned char>& line, double sigma_px) {
+  std::vector<float> out(line.begin(), line.end());
+  if (sigma_px <= 0) return out;
+  const int reach = static_cast<int>(std::ceil(5 * sigma_px)) + 8;
+  constexpr int kSteps = 400;
+  constexpr double kTurn = 2 * std::numbers::pi;
+  std::vector<double> taps;
+  for (int i = -reach; i <= reach; ++i) {
+    double sum = 0;
+    for (int step = 0; step < kSteps; ++step) {
+      const double freq_per_px = 0.5 * (step + 0.5) / kSteps;
+      sum += std::exp(-0.5 * std::pow(kTurn * sigma_px * freq_per_px, 2)) *
+             std::cos(kTurn * freq_per_px * i);
+    }
+    taps.push_back(sum / kSteps);
+  }
+  const int last = static_cast<int>(line.size()) - 1;
+  for (int px = 0; px <= last; ++px) {
+    double sum = 0;
+    for (int i = -reach; i <= reach; ++i)
+      sum += taps[to_size(i + reach)] * line[to_size(std::clamp(px - i, 0, last))];
+    out[to_size(px)] = static_cast<float>(sum);
+  }
+  return out;
+}
+
+// sum of response[i] * line at begin + i - shift. Between pixels light is what falls on their
+// square: linear.
+float shifted_dot(const std::uint16_t* responses, const std::vector<float>& line, int begin,
+                  int count, float shift_px) {
+  const int whole = static_cast<int>(std::floor(shift_px));
+  const float part = shift_px - static_cast<float>(whole);
+  const int last = static_cast<int>(line.size()) - 1;
+  const auto at = [&](int px) { return line[to_size(std::clamp(px, 0, last))]; };
+  double sum = 0;
+  for (int i = 0; i < count; ++i) {
+    const int px = begin + i - whole;
+    sum += static_cast<double>(static_cast<float>(responses[i]) *
+                               ((1 - part) * at(px) + part * at(px - 1)));
+  }
+  return static_cast<float>(sum);
 }
 
 }  // namespace
@@ -335,11 +384,16 @@ bool Transport::load(std::istream& in, const std::vector<SeenSample>& samples,
 }
 
 void Transport::add_light(estimation::ImageView<const unsigned char> brightness,
-                          std::vector<float>& linear) const {
+                          const LineOptics& optics, std::vector<float>& linear) const {
   if (entries_.empty()) return;
   const SplitPicture split = split_picture(brightness);
-  if (split.kind == SplitPicture::Kind::kColumns) add_line(0, split.line, linear);
-  if (split.kind == SplitPicture::Kind::kRows) add_line(1, split.line, linear);
+  if (split.kind != SplitPicture::Kind::kGeneral) {
+    const std::size_t axis = split.kind == SplitPicture::Kind::kColumns ? 0 : 1;
+    if (optics.blur_px.empty() && optics.shift_px[axis].empty())
+      add_line(axis, split.line, linear);
+    else
+      add_blurred_line(axis, split.line, optics, linear);
+  }
   if (!split.rest.empty()) add_rest(brightness, split, linear);
 }
 
@@ -355,6 +409,33 @@ void Transport::add_line(std::size_t axis, const std::vector<unsigned char>& lin
                             window.scale * static_cast<float>(sum) / 255;
                       }
                     });
+}
+
+void Transport::add_blurred_line(std::size_t axis, const std::vector<unsigned char>& line,
+                                 const LineOptics& optics, std::vector<float>& linear) const {
+  float greatest = 0;
+  for (const float blur_px : optics.blur_px) greatest = std::max(greatest, blur_px);
+  std::vector<std::vector<float>> levels;  // the line under blurs of 0, 1, 2, ... steps
+  for (int level = 0; static_cast<float>(level - 1) * kBlurStep_px < greatest; ++level)
+    levels.push_back(blurred(line, static_cast<double>(level) * static_cast<double>(kBlurStep_px)));
+  const std::vector<float>& shifts = optics.shift_px[axis];
+  tbb::parallel_for(
+      tbb::blocked_range<std::size_t>(0, entries_.size(), 4096),
+      [&](const tbb::blocked_range<std::size_t>& range) {
+        for (std::size_t i = range.begin(); i < range.end(); ++i) {
+          const Window& window = entries_[i].windows[axis];
+          const float blur = optics.blur_px.empty() ? 0 : optics.blur_px[i] / kBlurStep_px;
+          const float shift = shifts.empty() ? 0 : shifts[i];
+          const auto level = static_cast<std::size_t>(blur);
+          const float part = blur - static_cast<float>(level);
+          float sum = (1 - part) * shifted_dot(responses_.data() + window.offset, levels[level],
+                                               window.begin, window.count, shift);
+          if (part > 0)
+            sum += part * shifted_dot(responses_.data() + window.offset, levels[level + 1],
+                                      window.begin, window.count, shift);
+          linear[to_size((*samples_)[i].sample)] += window.scale * sum / 255;
+        }
+      });
 }
 
 void Transport::add_rest(estimation::ImageView<const unsigned char> brightness,

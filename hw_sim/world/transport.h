@@ -44,6 +44,12 @@ struct SplitPicture {
 };
 SplitPicture split_picture(estimation::ImageView<const unsigned char> brightness);
 
+// What the optics do to the lines of light on their way to each sample.
+struct LineOptics {
+  std::vector<float> blur_px;                  // [sample] of projector px; empty: none
+  std::array<std::vector<float>, 2> shift_px;  // [axis][sample] that light arrives displaced by
+};
+
 using Progress = std::function<void(double done_frac)>;
 
 // Immutable after build or load, so thread-safe. Refers to the samples and the light it was built
@@ -62,7 +68,8 @@ class Transport {
 
   // Adds each sample's reflectance factor (irradiance not normalised) under a picture to
   // `linear[sample]`. Runs in the caller's arena.
-  void add_light(estimation::ImageView<const unsigned char> brightness,
+  // Pictures of columns or rows pass through `optics`; others, and a sync square, as they are.
+  void add_light(estimation::ImageView<const unsigned char> brightness, const LineOptics& optics,
                  std::vector<float>& linear) const;
 
  private:
@@ -83,6 +90,8 @@ class Transport {
 
   void add_line(std::size_t axis, const std::vector<unsigned char>& line,
                 std::vector<float>& linear) const;
+  void add_blurred_line(std::size_t axis, const std::vector<unsigned char>& line,
+                        const LineOptics& optics, std::vector<float>& linear) const;
   void add_rest(estimation::ImageView<const unsigned char> brightness, const SplitPicture& split,
                 std::vector<float>& linear) const;
 
