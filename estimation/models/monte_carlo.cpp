@@ -1,6 +1,8 @@
 #include "estimation/models/monte_carlo.h"
 
+#include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 
 #include "estimation/base/check.h"
@@ -53,6 +55,7 @@ MonteCarlo::MonteCarlo(const ScatteringTable& table)
     const double* row = &coefficients_[i * row_size_];
     reflectance_.push_back((row[0] + 4 * row[1] + row[2]) / 6);
   }
+  for (int i = 0; i < grid_.node_count; ++i) attenuation_.push_back(attenuation(grid_.node(i)));
   for (std::size_t power = 0; power < exit_radiance_.size(); ++power) {
     std::vector<double> column;
     for (const ExitRadiance& radiance : table.exit_radiance) column.push_back(radiance[power]);
@@ -67,27 +70,41 @@ double MonteCarlo::attenuation(double s) const {
 
 double MonteCarlo::reflectance_at(double s) const { return std::exp(-attenuation(s)); }
 
+// Between the nodes around it as if -ln R_d were straight there.
+double MonteCarlo::first_guess(double attenuation) const {
+  if (attenuation < attenuation_[1]) return std::expm1(attenuation) / slope_;
+  const auto above = std::upper_bound(attenuation_.begin(), attenuation_.end() - 1, attenuation);
+  const double before = *(above - 1);
+  const auto index = static_cast<double>(above - attenuation_.begin() - 1);
+  // Beyond the last node R_d falls like 1/s.
+  if (attenuation > *above)
+    return grid_.node(grid_.node_count - 1) * std::exp(attenuation - *above);
+  const double place = index + (attenuation - before) / (*above - before);
+  return grid_.scale * std::sinh(grid_.step * place);
+}
+
 double MonteCarlo::s_at(double diffuse_reflectance) const {
   if (!(diffuse_reflectance >= 0 && diffuse_reflectance <= 1)) return kNan;
   if (diffuse_reflectance == 1) return 0;
   if (diffuse_reflectance == 0) return std::numeric_limits<double>::infinity();
-  // Newton in ln s on ln(-ln R_d), which is nearly straight at both ends, inside a bracket that
-  // every step shrinks; a step that leaves it becomes a bisection. R_d - 1 is exact.
+  // R_d - 1 is exact.
   const double target = diffuse_reflectance > 0.5 ? -std::log1p(diffuse_reflectance - 1)
                                                   : -std::log(diffuse_reflectance);
+  // Newton in ln s on ln(-ln R_d), which is nearly straight at both ends, inside a bracket that
+  // every step shrinks; a step that leaves it becomes a bisection.
   double low = -745, high = 745;  // of ln s: all that a double holds
-  double s = std::expm1(target) / slope_;
+  double s = first_guess(target);
   for (int step = 0; step < 100; ++step) {
     const double value = attenuation(s);
     const double ln_s = std::log(s);
     (value < target ? low : high) = ln_s;
-    const double h = 1e-6;
-    const double slope = (std::log(attenuation(s * (1 + h)) / value)) / std::log1p(h);
+    constexpr double kNudge = 1e-6;
+    const double slope = std::log(attenuation(s * (1 + kNudge)) / value) / kNudge;
     double next = ln_s - std::log(value / target) / slope;
     if (!(next > low && next < high)) next = 0.5 * (low + high);
-    const double change = next - ln_s;
-    s *= std::exp(change);
-    if (std::abs(change) < 1e-15 * (1 + std::abs(ln_s))) break;
+    s *= std::exp(next - ln_s);
+    // The slope has six digits, so each step gains at least as many.
+    if (std::abs(next - ln_s) < 1e-9) break;
   }
   return s;
 }

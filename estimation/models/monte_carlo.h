@@ -1,6 +1,5 @@
 // The model `monte_carlo`: R~(k) from a white Monte Carlo table (models/monte_carlo/), at normal
-// incidence, all exit directions together, per flux transmitted into the medium; 1-2% better than
-// any closed form is where it matters (design/estimation.md, section 2).
+// incidence, all exit directions together, per flux transmitted into the medium.
 //
 // Everything is a function of s = 1/(l_d sigma_s') = sqrt(3 x (1 + x)), x = sigma_a/sigma_s'.
 // Between the table's nodes ln[R~ (1 + slope q)], q = sqrt(s^2 + (k/sigma_s')^2), is a bicubic
@@ -47,6 +46,8 @@ class MonteCarlo : public ScatteringModel {
  private:
   // -ln R_d.
   double attenuation(double s) const;
+  // s to start from where -ln R_d is this.
+  double first_guess(double attenuation) const;
 
   double eta_;
   TableGrid grid_;
@@ -54,6 +55,7 @@ class MonteCarlo : public ScatteringModel {
   std::size_t row_size_;                              // coefficients for one s
   std::vector<double> coefficients_;                  // of the bicubic spline, [s][k]
   std::vector<double> reflectance_;                   // the same spline at k = 0, [s]
+  std::vector<double> attenuation_;                   // -ln R_d at the nodes, [s]
   std::vector<double> standard_error_;                // [s][k], nodes
   std::array<std::vector<double>, 4> exit_radiance_;  // spline coefficients of b_0 .. b_3, [s]
 };

@@ -12,7 +12,8 @@ namespace {
 
 constexpr int kBatchCount = 32;
 constexpr const char* kProgram = "ssrig-scatter-table 1";
-// Where roulette starts: 4 halves the error at given time against none at k = 0 (measured).
+// Where roulette starts. Against none, 4 gives a 1.3 to 4 times smaller standard error in the same
+// time; 1 and 16 are worse (measured at s and k from 0 to 7, g 0.8).
 constexpr double kRoulettePath_tmfp = 4;
 
 std::vector<estimation::WhiteScore> run_batches(const estimation::PhotonWalk& walk,
