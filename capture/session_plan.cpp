@@ -10,6 +10,8 @@
 #include <system_error>
 #include <utility>
 
+#include "estimation/calibration/calibration_file.h"
+
 namespace capture {
 namespace {
 
@@ -37,7 +39,12 @@ std::string file_stamp(std::chrono::system_clock::time_point time) {
   return {text, std::strftime(text, sizeof text, "%Y%m%d-%H%M%S", &parts)};
 }
 
-Result<estimation::Calibration> read_calibration(const rig::RigFile& rig_file) {
+struct CalibrationFile {
+  estimation::Calibration calibration;
+  std::string extra_keys;  // when and from what it was made; the session carries it along
+};
+
+Result<CalibrationFile> read_calibration(const rig::RigFile& rig_file) {
   const std::string name = rig_file.calibration_file.string();
   if (name.empty())
     return tl::unexpected(InputError{InputFault::kInvalid, rig_file.path.string(), "calibration",
@@ -49,7 +56,9 @@ Result<estimation::Calibration> read_calibration(const rig::RigFile& rig_file) {
         InputError{InputFault::kNotFound, name, "",
                    "the calibration cannot be read; correct [calibration] file in the rig file"});
   const std::string json{std::istreambuf_iterator<char>(file), {}};
-  return estimation::parse_calibration(json, name);
+  auto calibration = estimation::parse_calibration(json, name);
+  if (!calibration) return tl::unexpected(calibration.error());
+  return CalibrationFile{std::move(*calibration), estimation::extra_calibration_keys(json)};
 }
 
 estimation::SyncSquare place(const rig::ProjectorSettings& projector) {
@@ -121,7 +130,8 @@ Result<Manifest> plan_manifest(const rig::RigFile& rig_file, const Plan& plan,
   manifest.camera = std::move(*camera);
   manifest.projector = {rig_file.projector.width_px, rig_file.projector.height_px,
                         place(rig_file.projector)};
-  manifest.calibration = std::move(*calibration);
+  manifest.calibration = std::move(calibration->calibration);
+  manifest.other_keys = std::move(calibration->extra_keys);
   manifest.patterns = plan.patterns;
   manifest.frames = plan_frames(plan);
   return manifest;

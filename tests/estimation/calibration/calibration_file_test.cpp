@@ -1,0 +1,110 @@
+#include "estimation/calibration/calibration_file.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+
+#include "tests/estimation/geometry/synthetic_rig.h"
+
+namespace estimation {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+
+std::filesystem::path fresh_folder(const std::string& name) {
+  const auto folder = std::filesystem::path(::testing::TempDir()) / ("calibration_file_" + name);
+  std::filesystem::remove_all(folder);
+  return folder;
+}
+
+std::string contents(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+Calibration geometry() { return testing::make_rig(2352, 1726, true).calibration; }
+
+Calibration radiometry() {
+  Calibration calibration = geometry();
+  calibration.irradiance = {.signal_per_us = {0.2, 0.19, 0.17},
+                            .reference_distance_mm = 1030,
+                            .vignetting_file = "vignetting.exr"};
+  calibration.projector_black_dn_per_us = {1e-4, 1e-4, 1e-4};
+  return calibration;
+}
+
+TEST(CalibrationFile, IsReadBackByTheSessionFormatToTheLastBit) {
+  const auto text = format_calibration(
+      "", geometry(), {CalibrationPart::kGeometry, R"({"date": "today", "camera_rms_px": 0.1})"});
+  ASSERT_TRUE(text);
+  const auto read = parse_calibration(*text, "file");
+  ASSERT_TRUE(read) << read.error().text();
+  EXPECT_EQ(read->camera.K, geometry().camera.K);
+  EXPECT_EQ(read->projector.distortion, geometry().projector.distortion);
+  EXPECT_EQ(read->projector_from_camera, geometry().projector_from_camera);
+  EXPECT_EQ(read->projector_from_camera_mm, geometry().projector_from_camera_mm);
+  EXPECT_FALSE(read->irradiance);
+}
+
+TEST(CalibrationFile, OnePartLeavesTheOtherAndForeignKeysAlone) {
+  const auto first = format_calibration(R"({"lens": "80 mm"})", geometry(),
+                                        {CalibrationPart::kGeometry, R"({"date": "monday"})"});
+  ASSERT_TRUE(first);
+  Calibration elsewhere = radiometry();
+  elsewhere.camera.K(0, 0) = 1;  // is not this part's to change
+  const auto second = format_calibration(*first, elsewhere,
+                                         {CalibrationPart::kRadiometry, R"({"date": "tuesday"})"});
+  ASSERT_TRUE(second);
+  const auto read = parse_calibration(*second, "file");
+  ASSERT_TRUE(read) << read.error().text();
+  EXPECT_EQ(read->camera.K, geometry().camera.K);
+  EXPECT_EQ(read->irradiance->signal_per_us, radiometry().irradiance->signal_per_us);
+  const auto json = nlohmann::json::parse(*second);
+  EXPECT_EQ(json["lens"], "80 mm");
+  EXPECT_EQ(json["calibrated"]["geometry"]["date"], "monday");
+  EXPECT_EQ(json["calibrated"]["radiometry"]["date"], "tuesday");
+}
+
+TEST(CalibrationFile, AnOlderOneIsKeptUnderItsDate) {
+  const auto path = fresh_folder("older") / "calibration.json";
+  ASSERT_TRUE(write_calibration(path, "{\"a\": 1}\n"));
+  const auto second = write_calibration(path, "{\"a\": 2}\n");
+  const auto third = write_calibration(path, "{\"a\": 3}\n");
+  ASSERT_TRUE(second && third);
+  EXPECT_EQ(contents(path), "{\"a\": 3}\n");
+  EXPECT_EQ(contents(*second), "{\"a\": 1}\n");
+  EXPECT_EQ(contents(*third), "{\"a\": 2}\n");
+  EXPECT_THAT(second->filename().string(), HasSubstr("calibration.20"));
+}
+
+TEST(CalibrationFile, WhatCannotBeWrittenLeavesTheOldOne) {
+  const auto folder = fresh_folder("blocked");
+  std::filesystem::create_directories(folder);
+  std::ofstream(folder / "file") << "in the way";
+  const auto written = write_calibration(folder / "file" / "calibration.json", "{}");
+  ASSERT_FALSE(written);
+  EXPECT_EQ(written.error().fault, InputFault::kUnwritable);
+}
+
+TEST(CalibrationFile, ASessionCarriesTheRecordsAlong) {
+  const auto text =
+      format_calibration("", geometry(), {CalibrationPart::kGeometry, R"({"date": "monday"})"});
+  const std::string extra = extra_calibration_keys(*text);
+  EXPECT_THAT(extra, HasSubstr("monday"));
+  EXPECT_THAT(extra, Not(HasSubstr("distortion")));
+  Manifest manifest;
+  manifest.calibration = geometry();
+  manifest.other_keys = extra;
+  const auto json = nlohmann::json::parse(format_manifest(manifest));
+  EXPECT_EQ(json["calibration"]["calibrated"]["geometry"]["date"], "monday");
+  EXPECT_THAT(extra_calibration_keys("{}"), IsEmpty());
+  EXPECT_THAT(extra_calibration_keys("no json"), IsEmpty());
+}
+
+}  // namespace
+}  // namespace estimation
