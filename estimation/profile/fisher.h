@@ -32,7 +32,7 @@ struct PixelTruth {
 
 // The Cramer-Rao bound of a pixel with these true values: the least covariance that any unbiased
 // estimate from these samples can have. The batch's samples only say which are lost (none if it has
-// no samples); problem.harmonic_count is not heeded. nullopt: singular, or outside of the model.
+// no samples). nullopt: singular, or outside of the model.
 std::optional<SymmetricMatrix> cramer_rao_bound(const FitProblem& problem, const PixelBatch& batch,
                                                 std::size_t pixel, const PixelTruth& truth);
 

@@ -29,20 +29,30 @@ constexpr double kToleranceOfNoise = 1e-3;
 // Where a start looks for R_d, as a share of the mean: B from -R_d/5 to 12 R_d.
 constexpr double kLeastShare = 0.08, kGreatestShare = 1.25;
 
+// A quarter of a projector pixel: where all profiles look alike a search finds no way out.
+constexpr double kLeastLogStart = -1.4;
+constexpr double kNoHarmonic = 1e-3;  // of full light
+
 constexpr int kMostSteps = 40;
-// The weights follow the model until a step is shorter than a tenth of a standard deviation
-// (squared here), which changes them by some 1e-4, or this many were made, lest a sample at the
-// edge of an exposure's range switch to and fro for ever.
-constexpr double kReweighingStep = 1e-2;
-constexpr int kReweighedSteps = 8;
+// The weights follow the model until a step is shorter than a hundredth of a standard deviation
+// (squared here).
+constexpr double kReweighingStep = 1e-4;
 // Squared length of a step, in standard deviations, that is the last one: what remains after it is
-// smaller by the model's curvature over the noise, 1e-4 of a standard deviation.
-constexpr double kLastStep = 1e-5;
+// smaller by the model's curvature over the noise.
+constexpr double kLastStep = 2e-7;
 constexpr double kGreatestLogitStep = 2, kGreatestLogStep = 1.5;
-constexpr double kFirstDamping = 1e-2, kGreatestDamping = 1e6;
+constexpr double kShortening = 0.4;
+constexpr int kShortenings = 3;
+constexpr double kFirstDamping = 1e-2, kMoreDamping = 30, kGreatestDamping = 1e4;
 // R_d from 1e-7 to 1 - 1e-10: beyond, data ask for a material that no model has.
 constexpr double kLeastLogit = -16, kGreatestLogit = 23;
-constexpr double kGreatestAbsLog = 12;
+// l_d from a hundredth of a projector px to 150 periods: beyond, all profiles look alike.
+constexpr double kLeastLog = -4.5, kGreatestLogPeriods = 5;
+// Outside of the table the model is expensive, and a pixel whose ln l is this uncertain there is
+// not worth it.
+constexpr double kHopelessLogSd = 3;
+// Where a search starts again: a third of the period lit by the profile's tail.
+constexpr double kPeriodsOfSecondStart = 1.0 / 12, kShareOfSecondStart = 0.6;
 
 double reflectance_at(double logit) { return 1 / (1 + std::exp(-logit)); }
 double reflectance_slope(double logit) {
@@ -58,20 +68,23 @@ struct Point {
   double phase_px = 0;
 };
 
-// The samples' mean and first harmonics by least squares, without weights.
+// The samples' mean, first and another harmonic by least squares, without weights:
+// r = mean + sum Re[harmonic exp(i n angle)].
 struct Demodulated {
   double mean = 0;
-  std::array<std::complex<double>, 2> harmonic{};  // r = mean + sum Re[harmonic exp(i n angle)]
-  double harmonic_variance = 0;                    // of the first, of samples of unit variance
+  std::complex<double> first{}, second{};
+  double first_variance = 0;  // of its real part, for samples of unit variance
 };
 
 template <std::size_t N>
-std::optional<Demodulated> demodulate(PixelModel& model) {
+std::optional<Demodulated> demodulate(PixelModel& model, int second_harmonic) {
   const std::size_t count = model.sample_count();
   if (count < N) return std::nullopt;
   SmallMatrix<N> normal{};
   std::array<double, N> right{};
-  const std::array<std::span<const double>, 2> second = {model.turn_re(2), model.turn_im(2)};
+  // The highest one first: it makes room for those below.
+  const std::array<std::span<const double>, 2> second = {model.turn_re(second_harmonic),
+                                                         model.turn_im(second_harmonic)};
   const std::array<std::span<const double>, 2> first = {model.turn_re(1), model.turn_im(1)};
   for (std::size_t sample = 0; sample < count; ++sample) {
     std::array<double, N> row{};
@@ -89,15 +102,9 @@ std::optional<Demodulated> demodulate(PixelModel& model) {
   const std::array<double, N> x = root->solve(right);
   std::array<double, N> unit{};
   unit[1] = 1;
-  Demodulated data{.mean = x[0], .harmonic = {{{x[1], -x[2]}, {0, 0}}}};
-  data.harmonic_variance = root->solve(unit)[1];
-  if constexpr (N == 5) data.harmonic[1] = {x[3], -x[4]};
+  Demodulated data{.mean = x[0], .first = {x[1], -x[2]}, .first_variance = root->solve(unit)[1]};
+  if constexpr (N == 5) data.second = {x[3], -x[4]};
   return data;
-}
-
-std::optional<Demodulated> demodulate(PixelModel& model) {
-  if (const auto data = demodulate<5>(model)) return data;
-  return demodulate<3>(model);
 }
 
 // Buffers, kept from pixel to pixel.
@@ -117,6 +124,8 @@ class Fit {
         trial_samples_(work.trial_samples),
         weight_(work.weight) {
     if (problem.table != nullptr && problem.table->rows() > 0) range_ = problem.table->range();
+    // Stripes half as wide as their period have no second harmonic.
+    if (std::abs(envelope(2)) < kNoHarmonic) second_ = 3;
   }
 
   PixelFit run();
@@ -125,9 +134,14 @@ class Fit {
   bool is_free() const { return problem_.indirect == IndirectLight::kFree; }
   std::size_t unknown_count() const { return is_free() ? 4 : 3; }
 
+  double envelope(int n) const {
+    return std::sin(std::numbers::pi * n * problem_.shape.width_px / problem_.shape.period_px) /
+           (std::numbers::pi * n);
+  }
+  std::optional<Demodulated> demodulated() const;
   std::uint32_t reason_for_too_few() const;
   std::uint32_t check_contrast(const Demodulated& data);
-  Point start(const Demodulated& data);
+  Point start(const Demodulated& data) const;
   std::array<double, 2> first_harmonics(ShapePoint shape) const;
   double log_with_first_harmonic(double logit, double target) const;
 
@@ -137,8 +151,12 @@ class Fit {
   double chi_square(const Point& point, const ModelSamples& samples) const;
   void assemble(const Point& point, const ModelSamples& samples);
   std::optional<std::array<double, kUnknowns>> step(double damping) const;
+  double squared_length(const std::array<double, kUnknowns>& step) const;
   Point moved(const Point& point, const std::array<double, kUnknowns>& step) const;
+  bool is_hopeless(const Point& point) const;
+  bool advance(Point& point, std::array<double, kUnknowns> change, int attempts);
   std::uint32_t search(Point& point);
+  std::uint32_t search_from(const Demodulated& data, Point& point);
   SymmetricMatrix information(const Point& point) const;
   std::uint32_t reason_at_limit(const Point& point) const;
   PixelFit result(const Point& point) const;
@@ -148,6 +166,7 @@ class Fit {
   ModelSamples &samples_, &trial_samples_;
   std::vector<double>& weight_;
   ShapeRange range_;  // of starts
+  int second_ = 2;    // the harmonic that a start compares with the first
   double tolerance_ = 0;
   // Normal equations in (t, ln l, mean, phase) at the current point.
   SmallMatrix<kUnknowns> normal_{};
@@ -159,6 +178,11 @@ std::uint32_t Fit::reason_for_too_few() const {
   return model_.lost_count() > 0 ? kSaturated : kNotIdentifiable;
 }
 
+std::optional<Demodulated> Fit::demodulated() const {
+  if (const auto data = demodulate<5>(model_, second_)) return data;
+  return demodulate<3>(model_, second_);
+}
+
 // Also sets how much of a harmonic matters.
 std::uint32_t Fit::check_contrast(const Demodulated& data) {
   const double variance = model_.variance(data.mean);
@@ -166,14 +190,14 @@ std::uint32_t Fit::check_contrast(const Demodulated& data) {
   for (const double reflectance : model_.reflectance())
     least = std::min(least, model_.variance(reflectance));
   tolerance_ = kToleranceOfNoise * std::sqrt(least);
-  if (std::norm(data.harmonic[0]) >= kLeastContrast * data.harmonic_variance * variance) return 0;
+  if (std::norm(data.first) >= kLeastContrast * data.first_variance * variance) return 0;
   return data.mean < kDarkSnr * std::sqrt(variance) ? kTooDark : kNotIdentifiable;
 }
 
-// a_1 and a_2 near this point.
+// a_1 and a_second near this point.
 std::array<double, 2> Fit::first_harmonics(ShapePoint shape) const {
   const HarmonicTable* table = problem_.table;
-  if (table != nullptr && table->holds(shape)) {
+  if (table != nullptr && table->harmonic_count() >= second_ && table->holds(shape)) {
     const ShapePoint& least = table->range().least;
     const auto node = table->node(
         static_cast<int>(
@@ -181,22 +205,19 @@ std::array<double, 2> Fit::first_harmonics(ShapePoint shape) const {
         static_cast<int>(std::round((shape.log_translucency_px - least.log_translucency_px) /
                                     table->log_step())));
     return {static_cast<double>(node[0]),
-            table->harmonic_count() > 1 ? static_cast<double>(node[1]) : 0.0};
+            static_cast<double>(node[static_cast<std::size_t>(second_ - 1)])};
   }
   const double wave = model_.wave_per_px() * std::exp(shape.log_translucency_px);
-  const std::array<double, 2> waves = {wave, 2 * wave};
+  const std::array<double, 2> waves = {wave, second_ * wave};
   std::array<double, 2> harmonics{};
   problem_.model->transform(reflectance_at(shape.logit_reflectance), waves, harmonics);
-  for (int n = 1; n <= 2; ++n)
-    harmonics[static_cast<std::size_t>(n - 1)] *=
-        std::sin(std::numbers::pi * n * problem_.shape.width_px / problem_.shape.period_px) /
-        (std::numbers::pi * n);
-  return harmonics;
+  return {harmonics[0] * envelope(1), harmonics[1] * envelope(second_)};
 }
 
 // ln l at which the first harmonic, which falls with l, has this height.
 double Fit::log_with_first_harmonic(double logit, double target) const {
-  double low = range_.least.log_translucency_px, high = range_.greatest.log_translucency_px;
+  double low = std::max(range_.least.log_translucency_px, kLeastLogStart);
+  double high = std::max(range_.greatest.log_translucency_px, low);
   for (int halving = 0; halving < 7; ++halving) {
     const double middle = 0.5 * (low + high);
     (first_harmonics({logit, middle})[0] > target ? low : high) = middle;
@@ -206,10 +227,11 @@ double Fit::log_with_first_harmonic(double logit, double target) const {
 
 // The phase from the first harmonic. R_d is a share of the mean, l_d what then gives the first
 // harmonic its height; where there may be indirect light, the share that gives the second its own.
-Point Fit::start(const Demodulated& data) {
-  const std::complex<double> first = model_.twice_factor(1), second = model_.twice_factor(2);
-  const std::complex<double> turn = data.harmonic[0] * std::conj(first);
-  const std::complex<double> back = std::polar(1.0, -2 * std::arg(turn));
+Point Fit::start(const Demodulated& data) const {
+  const std::complex<double> first = model_.twice_factor(1);
+  const std::complex<double> second = model_.twice_factor(second_);
+  const std::complex<double> turn = data.first * std::conj(first);
+  const std::complex<double> back = std::polar(1.0, -second_ * std::arg(turn));
   const double height = std::abs(turn) / std::norm(first);
   Point point;
   point.mean = data.mean / model_.level();
@@ -221,9 +243,10 @@ Point Fit::start(const Demodulated& data) {
     return ShapePoint{logit, log_with_first_harmonic(logit, height)};
   };
   point.shape = at_share(1);
-  if (!is_free() || std::norm(second) == 0 || data.harmonic[1] == 0.0) return point;
-  const double second_height =
-      (data.harmonic[1] * std::conj(second) * back).real() / std::norm(second);
+  if (!is_free() || std::norm(second) == 0 || data.second == 0.0) return point;
+  const double second_height = (data.second * std::conj(second) * back).real() / std::norm(second);
+  // Relative to a stripe's own, which may have the other sign.
+  const double sign = std::copysign(1, envelope(second_));
   double low = std::log(kLeastShare), high = std::log(kGreatestShare);
   for (int halving = 0; halving < 5; ++halving) {
     const double middle = 0.5 * (low + high);
@@ -231,7 +254,8 @@ Point Fit::start(const Demodulated& data) {
     // Less R_d needs a smaller l_d for the same first harmonic, which raises the second, and too
     // little cannot have it at all.
     const std::array<double, 2> harmonics = first_harmonics(point.shape);
-    const bool is_too_little = harmonics[0] < 0.9 * height || harmonics[1] > second_height;
+    const bool is_too_little =
+        harmonics[0] < 0.99 * height || sign * harmonics[1] > sign * second_height;
     (is_too_little ? low : high) = middle;
   }
   point.shape = at_share(std::exp(0.5 * (low + high)));
@@ -241,7 +265,9 @@ Point Fit::start(const Demodulated& data) {
 bool Fit::evaluate(const Point& point, ModelSamples& samples) {
   return point.shape.logit_reflectance > kLeastLogit &&
          point.shape.logit_reflectance < kGreatestLogit &&
-         std::abs(point.shape.log_translucency_px) < kGreatestAbsLog &&
+         point.shape.log_translucency_px > kLeastLog &&
+         point.shape.log_translucency_px <
+             std::log(problem_.shape.period_px) + kGreatestLogPeriods &&
          model_.evaluate(point.shape, point.phase_px, tolerance_, samples);
 }
 
@@ -298,6 +324,14 @@ std::optional<std::array<double, kUnknowns>> Fit::step(double damping) const {
   return root->solve(gradient_);
 }
 
+// In standard deviations of the fit; also what an undamped step takes off chi-square.
+double Fit::squared_length(const std::array<double, kUnknowns>& step) const {
+  double length = 0;
+  for (std::size_t i = 0; i < kUnknowns; ++i)
+    for (std::size_t j = 0; j < kUnknowns; ++j) length += step[i] * normal_[i][j] * step[j];
+  return length;
+}
+
 // A long step is shortened as a whole.
 Point Fit::moved(const Point& point, const std::array<double, kUnknowns>& step) const {
   const double longest =
@@ -329,43 +363,62 @@ std::uint32_t Fit::reason_at_limit(const Point& point) const {
   return from_limit < 2 * kGreatestLogitStep ? kOutsideModel : kNotIdentifiable;
 }
 
-// Gauss-Newton, damped where it does not descend; 0 at the optimum.
+bool Fit::is_hopeless(const Point& point) const {
+  if (problem_.table != nullptr && problem_.table->holds(point.shape)) return false;
+  const auto root = scaled_cholesky(normal_);
+  return !root || root->solve({0, 1, 0, 0})[1] > kHopelessLogSd * kHopelessLogSd;
+}
+
+// A step shortened until it descends.
+bool Fit::advance(Point& point, std::array<double, kUnknowns> change, int attempts) {
+  for (int attempt = 0; attempt < attempts; ++attempt) {
+    const Point next = moved(point, change);
+    if (evaluate(next, trial_samples_) && chi_square(next, trial_samples_) <= chi_square_) {
+      point = next;
+      std::swap(samples_, trial_samples_);
+      return true;
+    }
+    for (double& part : change) part *= kShortening;
+  }
+  return false;
+}
+
+// Gauss-Newton; a step that does not descend is shortened, as R_d and l_d lie in a curved valley,
+// then damped. 0 at the optimum.
 std::uint32_t Fit::search(Point& point) {
   if (!evaluate(point, samples_)) return kOutsideModel;
   weigh(point, samples_);
   assemble(point, samples_);
   double damping = 0;
-  for (int count = 0; count < kMostSteps; ++count) {
+  for (int count = 0; count < kMostSteps && damping < kGreatestDamping; ++count) {
+    if (is_hopeless(point)) return reason_at_limit(point);
     const auto change = step(damping);
-    if (!change) {
-      damping = std::max(kFirstDamping, damping * 10);
-      if (damping > kGreatestDamping) return reason_at_limit(point);
-      continue;
-    }
-    const Point next = moved(point, *change);
-    double length = 0, descent = 0;  // of the quadratic
-    for (std::size_t i = 0; i < kUnknowns; ++i) {
-      descent += gradient_[i] * (*change)[i];
-      for (std::size_t j = 0; j < kUnknowns; ++j)
-        length += (*change)[i] * normal_[i][j] * (*change)[j];
-    }
+    const double length = change ? squared_length(*change) : kInfinity;
     if (damping == 0 && length < kLastStep) {
-      point = next;
-      chi_square_ = std::max(chi_square_ - descent, 0.0);
+      point = moved(point, *change);
+      chi_square_ = std::max(chi_square_ - length, 0.0);
       return 0;
     }
-    if (evaluate(next, trial_samples_) && chi_square(next, trial_samples_) <= chi_square_) {
-      point = next;
-      std::swap(samples_, trial_samples_);
-      if (length > kReweighingStep && count < kReweighedSteps) weigh(point, samples_);
-      assemble(point, samples_);
-      damping = damping > kFirstDamping ? damping / 10 : 0;
-    } else {
-      damping = std::max(kFirstDamping, damping * 10);
-      if (damping > kGreatestDamping) return reason_at_limit(point);
+    if (!change || !advance(point, *change, damping == 0 ? kShortenings : 1)) {
+      damping = std::max(kFirstDamping, damping * kMoreDamping);
+      continue;
     }
+    damping = damping > kFirstDamping ? damping / kMoreDamping : 0;
+    if (length > kReweighingStep) weigh(point, samples_);
+    assemble(point, samples_);
   }
   return reason_at_limit(point);
+}
+
+// From the harmonics, or else from the middle of what can be told apart.
+std::uint32_t Fit::search_from(const Demodulated& data, Point& point) {
+  point = start(data);
+  const std::uint32_t reason = search(point);
+  if (reason == 0) return 0;
+  point = start(data);
+  point.shape = {logit_of(std::clamp(kShareOfSecondStart * point.mean, 1e-3, 0.9)),
+                 std::log(kPeriodsOfSecondStart * problem_.shape.period_px)};
+  return search(point) == 0 ? 0 : reason;
 }
 
 PixelFit Fit::result(const Point& point) const {
@@ -390,11 +443,11 @@ PixelFit Fit::run() {
   if (model_.sample_count() < unknown_count()) return refused(reason_for_too_few());
   if (!(model_.level() > 0) || std::norm(model_.twice_factor(1)) == 0)
     return refused(kNotIdentifiable);
-  const auto data = demodulate(model_);
+  const auto data = demodulated();
   if (!data) return refused(reason_for_too_few());
   if (const std::uint32_t reason = check_contrast(*data)) return refused(reason);
-  Point point = start(*data);
-  if (const std::uint32_t reason = search(point)) return refused(reason);
+  Point point;
+  if (const std::uint32_t reason = search_from(*data, point)) return refused(reason);
   return result(point);
 }
 

@@ -16,7 +16,7 @@ constexpr int kHarmonicsPerPx = 8;
 // Of the exact model's central differences; errs by 1e-8 of the derivative.
 constexpr double kDifferenceStep = 1e-4;
 // Where a table's last harmonics are this many tolerances high, those that it lacks matter.
-constexpr double kTruncation = 30;
+constexpr double kTruncation = 5;
 // Of full light: without any noise stated, rounding is what is left.
 constexpr double kLeastSd = 1e-6;
 
@@ -114,8 +114,10 @@ double PixelModel::variance(double reflectance) const {
 }
 
 int PixelModel::most_harmonics() const {
-  if (!batch_->factor_re.empty()) return batch_->factor_count - 1;
-  return kHarmonicsPerPx * problem_->shape.period_px;
+  int most = kHarmonicsPerPx * problem_->shape.period_px;
+  if (problem_->harmonic_count > 0) most = std::min(most, problem_->harmonic_count);
+  if (!batch_->factor_re.empty()) most = std::min(most, batch_->factor_count - 1);
+  return most;
 }
 
 bool PixelModel::evaluate(ShapePoint shape, double phase_px, double tolerance, ModelSamples& out) {
