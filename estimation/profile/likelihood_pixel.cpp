@@ -24,7 +24,7 @@ constexpr double kLeastContrast = 12;
 // Samples whose mean is below so many of their standard deviations are dark, not flat.
 constexpr double kDarkSnr = 5;
 // Harmonics this share of a sample's noise are left out.
-constexpr double kToleranceOfNoise = 1e-3;
+constexpr double kToleranceOfNoise = 3e-4;
 
 // Where a start looks for R_d, as a share of the mean: B from -R_d/5 to 12 R_d.
 constexpr double kLeastShare = 0.08, kGreatestShare = 1.25;
@@ -39,7 +39,7 @@ constexpr int kMostSteps = 40;
 constexpr double kReweighingStep = 1e-4;
 // Squared length of a step, in standard deviations, that is the last one: what remains after it is
 // smaller by the model's curvature over the noise.
-constexpr double kLastStep = 2e-7;
+constexpr double kLastStep = 1e-6;
 constexpr double kGreatestLogitStep = 2, kGreatestLogStep = 1.5;
 constexpr double kShortening = 0.4;
 constexpr int kShortenings = 3;

@@ -16,7 +16,7 @@ constexpr int kHarmonicsPerPx = 8;
 // Of the exact model's central differences; errs by 1e-8 of the derivative.
 constexpr double kDifferenceStep = 1e-4;
 // Where a table's last harmonics are this many tolerances high, those that it lacks matter.
-constexpr double kTruncation = 5;
+constexpr double kTruncation = 15;
 // Of full light: without any noise stated, rounding is what is left.
 constexpr double kLeastSd = 1e-6;
 
