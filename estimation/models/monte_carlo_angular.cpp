@@ -40,18 +40,26 @@ MonteCarloAngular::MonteCarloAngular(const ScatteringTable& hemispherical,
     : MonteCarlo(hemispherical),
       eta_(angular.eta),
       coefficients_((kNodesS + 2) * kPairs * kRowSize),
-      standard_error_(angular.ratio_se) {
+      standard_error_(angular.coefficient_se) {
   check(hemispherical.eta == angular.eta && hemispherical.anisotropy == angular.anisotropy &&
-            angular.ratio.size() == AngularTable::node_count() &&
+            angular.coefficients.size() == AngularTable::node_count() &&
             standard_error_.size() == AngularTable::node_count(),
         "two complete tables of one medium");
+  std::vector<double> per_transform;  // 1 / R~, [s][k]
+  for (std::size_t node = 0; node < AngularTable::node_count(); ++node) {
+    const double s = kAngularGridS.node(static_cast<int>(node / kNodesK));
+    const double k_tmfp = kAngularGridK.node(static_cast<int>(node % kNodesK));
+    per_transform.push_back(1 / transform_at(s, k_tmfp));
+    standard_error_[node] *= static_cast<float>(per_transform.back());
+  }
   for (std::size_t pair = 0; pair < kPairs; ++pair) {
     // First along k, where real parts are even and imaginary parts odd, then along s.
     std::vector<std::vector<double>> along_k;
     for (std::size_t i = 0; i < kNodesS; ++i) {
       std::vector<double> row;
       for (std::size_t j = 0; j < kNodesK; ++j)
-        row.push_back(static_cast<double>(angular.ratio[i * kNodesK + j][pair]));
+        row.push_back(per_transform[i * kNodesK + j] *
+                      static_cast<double>(angular.coefficients[i * kNodesK + j][pair]));
       along_k.push_back(spline_coefficients(
           row, pair < DirectionPairs::kRealPairs ? SplineStart::kEven : SplineStart::kNatural));
     }

@@ -33,7 +33,7 @@ class MonteCarloAngular : public MonteCarlo {
  private:
   double eta_;
   std::vector<float> coefficients_;    // of the bicubic splines, [pair][s][k]
-  std::vector<float> standard_error_;  // [s][k], nodes
+  std::vector<float> standard_error_;  // of one coefficient, [s][k], nodes
 };
 
 // The model of a shipped table. Errors: kInvalid for an eta and g that no table has, naming those

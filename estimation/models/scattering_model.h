@@ -59,8 +59,8 @@ struct MediumOptions {
   bool operator==(const MediumOptions&) const = default;
 };
 
-// Models by name: "dipole", "burley", "gaussians", "monte_carlo". Errors: kInvalid for an unknown
-// name or options that the model does not have, naming what is known.
+// Models by name: "dipole", "burley", "gaussians", "monte_carlo", "monte_carlo_angular". Errors:
+// kInvalid for an unknown name or options that the model does not have, naming what is known.
 Result<std::unique_ptr<ScatteringModel>> make_scattering_model(const std::string& name,
                                                                const MediumOptions& medium);
 

@@ -201,8 +201,7 @@ AngularScore::Coefficients AngularScore::multiple(int s_index, int k_index) cons
   return total;
 }
 
-AngularTable make_angular_table(const WalkMedium& medium, const MonteCarlo& hemispherical,
-                                std::span<const AngularScore> batches) {
+AngularTable make_angular_table(const WalkMedium& medium, std::span<const AngularScore> batches) {
   check(batches.size() >= 2, "batches whose scatter can be taken");
   AngularScore all;
   for (const AngularScore& batch : batches) all.add(batch);
@@ -213,21 +212,20 @@ AngularTable make_angular_table(const WalkMedium& medium, const MonteCarlo& hemi
   const auto count = static_cast<double>(batches.size());
   for (int i = 0; i < kAngularGridS.node_count; ++i)
     for (int j = 0; j < kAngularGridK.node_count; ++j) {
-      const double s = kAngularGridS.node(i), k_tmfp = kAngularGridK.node(j);
-      const double scale = 1 / hemispherical.transform_at(s, k_tmfp);
       const auto multiple = all.multiple(i, j);
-      const auto single = single_coefficients(medium, absorption_at(s), k_tmfp);
-      auto& ratio = table.ratio.emplace_back();
-      for (std::size_t q = 0; q < ratio.size(); ++q)
-        ratio[q] = static_cast<float>(scale * (multiple[q] + single[q]));
+      const auto single =
+          single_coefficients(medium, absorption_at(kAngularGridS.node(i)), kAngularGridK.node(j));
+      auto& coefficients = table.coefficients.emplace_back();
+      for (std::size_t q = 0; q < coefficients.size(); ++q)
+        coefficients[q] = static_cast<float>(multiple[q] + single[q]);
       double squares = 0;
       for (const AngularScore& batch : batches) {
         const auto part = batch.multiple(i, j);
         for (std::size_t q = 0; q < part.size(); ++q)
           squares += (part[q] - multiple[q]) * (part[q] - multiple[q]);
       }
-      table.ratio_se.push_back(static_cast<float>(
-          scale * std::sqrt(squares / static_cast<double>(ratio.size()) / count / (count - 1))));
+      table.coefficient_se.push_back(static_cast<float>(
+          std::sqrt(squares / static_cast<double>(coefficients.size()) / count / (count - 1))));
     }
   return table;
 }

@@ -6,10 +6,10 @@
 #pragma once
 
 #include <array>
+#include <complex>
 #include <span>
 #include <vector>
 
-#include "estimation/models/monte_carlo.h"
 #include "estimation/models/monte_carlo/photon_walk.h"
 #include "estimation/models/monte_carlo_angular/angular_table.h"
 
@@ -59,8 +59,7 @@ std::complex<double> single_scattering(const WalkMedium& medium, double absorpti
                                        DiscPoint incidence, DiscPoint exit);
 
 // `batches` hold equally many photons each, at least two; their scatter gives the standard errors.
-// `hemispherical` is the same medium's. The caller fills program and seed.
-AngularTable make_angular_table(const WalkMedium& medium, const MonteCarlo& hemispherical,
-                                std::span<const AngularScore> batches);
+// The caller fills program and seed.
+AngularTable make_angular_table(const WalkMedium& medium, std::span<const AngularScore> batches);
 
 }  // namespace estimation

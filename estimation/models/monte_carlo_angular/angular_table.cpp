@@ -88,13 +88,18 @@ std::string to_text(const AngularTable& table) {
   append(text, table.anisotropy, 6);
   text.append("\nphotons ").append(std::to_string(table.photon_count));
   text.append("\nseed ").append(std::to_string(table.seed));
-  text.append("\nnodes ").append(std::to_string(table.ratio.size()));
-  text.append("\n+-coefficient coefficients\n");
-  for (std::size_t node = 0; node < table.ratio.size(); ++node) {
-    append(text, static_cast<double>(table.ratio_se[node]), 2);
-    for (const float ratio : table.ratio[node]) {
+  text.append("\nnodes ").append(std::to_string(table.coefficients.size()));
+  text.append("\nmean +-each/mean others/mean\n");
+  for (std::size_t node = 0; node < table.coefficients.size(); ++node) {
+    const auto& coefficients = table.coefficients[node];
+    const auto mean = static_cast<double>(coefficients.front());
+    append(text, mean, 7);
+    text.push_back(' ');
+    append(text, static_cast<double>(table.coefficient_se[node]) / mean, 2);
+    for (std::size_t i = 1; i < coefficients.size(); ++i) {
       text.push_back(' ');
-      append(text, std::round(static_cast<double>(ratio) * 1e5) / 1e5 + 0.0, 6);  // + 0: no "-0"
+      const double ratio = static_cast<double>(coefficients[i]) / mean;
+      append(text, std::round(ratio * 1e5) / 1e5 + 0.0, 6);  // + 0: no "-0"
     }
     text.push_back('\n');
   }
@@ -118,11 +123,13 @@ Result<AngularTable> angular_table_from_text(std::string_view text, const std::s
   words.expect("nodes");
   if (words.number<std::size_t>() != AngularTable::node_count())
     words.fail(std::to_string(AngularTable::node_count()) + " nodes");
-  words.expect("+-coefficient");
-  words.expect("coefficients");
+  for (const char* word : {"mean", "+-each/mean", "others/mean"}) words.expect(word);
   for (std::size_t node = 0; words.ok() && node < AngularTable::node_count(); ++node) {
-    table.ratio_se.push_back(words.number<float>());
-    for (float& ratio : table.ratio.emplace_back()) ratio = words.number<float>();
+    auto& coefficients = table.coefficients.emplace_back();
+    const float mean = coefficients.front() = words.number<float>();
+    table.coefficient_se.push_back(words.number<float>() * mean);
+    for (std::size_t i = 1; i < coefficients.size(); ++i)
+      coefficients[i] = words.number<float>() * mean;
   }
   if (!words.next().empty()) words.fail("the end");
   if (!words.ok()) return tl::unexpected(words.error());

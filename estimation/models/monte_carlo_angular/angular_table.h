@@ -25,11 +25,10 @@ struct AngularTable {
   std::string program;  // that made it, with its version
   std::int64_t photon_count = 0;
   std::uint64_t seed = 0;
-  // [s][k] over the nodes of the grids: coefficients of G / R~(s, k), R~ at normal incidence from
-  // monte_carlo's table.
-  std::vector<std::array<float, DirectionPairs::kPairs>> ratio;
+  // [s][k] over the nodes of the grids: coefficients of G.
+  std::vector<std::array<float, DirectionPairs::kPairs>> coefficients;
   // [s][k] standard error of one coefficient, root mean square over all.
-  std::vector<float> ratio_se;
+  std::vector<float> coefficient_se;
 
   static std::size_t at(int s_index, int k_index) {
     return static_cast<std::size_t>(s_index * kAngularGridK.node_count + k_index);
@@ -37,7 +36,7 @@ struct AngularTable {
   static std::size_t node_count() { return at(kAngularGridS.node_count, 0); }
 };
 
-// Ratios are rounded to 1e-5.
+// Coefficients are rounded to 1e-5 of a node's first, which is the mean over both hemispheres.
 std::string to_text(const AngularTable& table);
 
 // Errors: kInvalid, naming `name` and the line, for a text that to_text would not write.

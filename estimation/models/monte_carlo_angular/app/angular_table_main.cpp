@@ -6,7 +6,6 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <fstream>
-#include <sstream>
 
 #include "estimation/models/monte_carlo_angular/angular_score.h"
 
@@ -39,14 +38,16 @@ int fail(const char* what, const std::string& path) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  estimation::WalkMedium medium;
   double photon_count = 1e6;
   std::uint64_t seed = 1;
   int thread_count = 1;
-  std::string hemispherical_path, out_path;
+  std::string out_path;
   CLI::App app("Makes the table of one medium for the model monte_carlo_angular.");
-  app.add_option("--hemispherical", hemispherical_path,
-                 "The table of ssrig-scatter-table for the same medium, which names eta and g")
-      ->required();
+  app.add_option("--eta", medium.eta, "Refractive index relative to air")
+      ->check(CLI::Range(1.0, 2.0));
+  app.add_option("--anisotropy", medium.anisotropy, "g of Henyey and Greenstein")
+      ->check(CLI::Range(-0.99, 0.99));
   app.add_option("--photons", photon_count, "How many photons, such as 1e8")
       ->check(CLI::Range(1e3, 1e12));
   app.add_option("--seed", seed, "Of the random numbers");
@@ -55,24 +56,11 @@ int main(int argc, char** argv) {
   app.add_option("--out", out_path, "The file to write")->required();
   CLI11_PARSE(app, argc, argv);
 
-  std::ifstream hemispherical_file(hemispherical_path, std::ios::binary);
-  std::stringstream text;
-  text << hemispherical_file.rdbuf();
-  if (!hemispherical_file) return fail("read", hemispherical_path);
-  const auto hemispherical = estimation::scattering_table_from_text(text.str(), hemispherical_path);
-  if (!hemispherical) {
-    std::fprintf(stderr, "ssrig-angular-table: %s\n", hemispherical.error().text().c_str());
-    return 5;
-  }
-
-  const estimation::WalkMedium medium{.eta = hemispherical->eta,
-                                      .anisotropy = hemispherical->anisotropy};
   const estimation::PhotonWalk walk(
       medium, {estimation::AngularScore::kLongestPath_tmfp, kRoulettePath_tmfp});
   const auto photons_each = static_cast<std::int64_t>(photon_count / kBatchCount);
   const auto batches = run_batches(walk, seed, photons_each, thread_count);
-  estimation::AngularTable table =
-      estimation::make_angular_table(medium, estimation::MonteCarlo(*hemispherical), batches);
+  estimation::AngularTable table = estimation::make_angular_table(medium, batches);
   table.program = kProgram;
   table.seed = seed;
   std::ofstream file(out_path, std::ios::binary);
