@@ -57,7 +57,8 @@ std::vector<double> expected_reflectance(const FitProblem& problem, const PixelB
   PixelModel model;
   ModelSamples samples;
   if (model.bind(problem, batch, pixel) != PixelModel::Binding::kReady ||
-      !model.evaluate(truth.shape, truth.phase_px, kTolerance, samples))
+      !model.evaluate(truth.shape, truth.phase_px, kTolerance, PixelModel::Harmonics::kAll,
+                      samples))
     return {};
   const double mean = 1 / (1 + std::exp(-truth.shape.logit_reflectance)) + truth.indirect;
   for (double& value : samples.harmonics) value += model.level() * mean;
@@ -69,7 +70,8 @@ std::optional<SymmetricMatrix> cramer_rao_bound(const FitProblem& problem, const
   PixelModel model;
   ModelSamples samples;
   if (model.bind(problem, batch, pixel) != PixelModel::Binding::kReady ||
-      !model.evaluate(truth.shape, truth.phase_px, kTolerance, samples))
+      !model.evaluate(truth.shape, truth.phase_px, kTolerance, PixelModel::Harmonics::kAll,
+                      samples))
     return std::nullopt;
   const double reflectance = 1 / (1 + std::exp(-truth.shape.logit_reflectance));
   const double by_logit = reflectance / (1 + std::exp(truth.shape.logit_reflectance));

@@ -33,7 +33,7 @@ constexpr double kLeastShare = 0.08, kGreatestShare = 1.25;
 constexpr double kLeastLogStart = -1.4;
 constexpr double kNoHarmonic = 1e-3;  // of full light
 
-constexpr int kMostSteps = 40;
+constexpr int kMostSteps = 30;
 // The weights follow the model until a step is shorter than a hundredth of a standard deviation
 // (squared here).
 constexpr double kReweighingStep = 1e-4;
@@ -48,9 +48,11 @@ constexpr double kFirstDamping = 1e-2, kMoreDamping = 30, kGreatestDamping = 1e4
 constexpr double kLeastLogit = -16, kGreatestLogit = 23;
 // l_d from a hundredth of a projector px to 150 periods: beyond, all profiles look alike.
 constexpr double kLeastLog = -4.5, kGreatestLogPeriods = 5;
-// Outside of the table the model is expensive, and a pixel whose ln l is this uncertain there is
-// not worth it.
-constexpr double kHopelessLogSd = 3;
+// Outside of the table the model is expensive. ln l becomes less certain outwards in all
+// directions: a pixel whose ln l is this uncertain at the table's edge will not be known beyond,
+// and one that is so uncertain outside, or after some steps, will not come back.
+constexpr double kEdgeLogSd = 0.45, kHopelessLogSd = 3;
+constexpr int kPatience = 4;
 // Where a search starts again: a third of the period lit by the profile's tail.
 constexpr double kPeriodsOfSecondStart = 1.0 / 12, kShareOfSecondStart = 0.6;
 
@@ -153,8 +155,11 @@ class Fit {
   std::optional<std::array<double, kUnknowns>> step(double damping) const;
   double squared_length(const std::array<double, kUnknowns>& step) const;
   Point moved(const Point& point, const std::array<double, kUnknowns>& step) const;
-  bool is_hopeless(const Point& point) const;
+  double log_variance() const;
+  bool is_in_table(const ShapePoint& shape) const;
+  ShapePoint within_table(const ShapePoint& shape) const;
   bool advance(Point& point, std::array<double, kUnknowns> change, int attempts);
+  bool settle(const Point& point);
   std::uint32_t search(Point& point);
   std::uint32_t search_from(const Demodulated& data, Point& point);
   SymmetricMatrix information(const Point& point) const;
@@ -172,6 +177,9 @@ class Fit {
   SmallMatrix<kUnknowns> normal_{};
   std::array<double, kUnknowns> gradient_{};
   double chi_square_ = 0;
+  // What the search is allowed once it is known to be worth its cost.
+  bool may_leave_table_ = false;
+  PixelModel::Harmonics harmonics_ = PixelModel::Harmonics::kOfTable;
 };
 
 std::uint32_t Fit::reason_for_too_few() const {
@@ -268,7 +276,7 @@ bool Fit::evaluate(const Point& point, ModelSamples& samples) {
          point.shape.log_translucency_px > kLeastLog &&
          point.shape.log_translucency_px <
              std::log(problem_.shape.period_px) + kGreatestLogPeriods &&
-         model_.evaluate(point.shape, point.phase_px, tolerance_, samples);
+         model_.evaluate(point.shape, point.phase_px, tolerance_, harmonics_, samples);
 }
 
 double Fit::expected(const Point& point, const ModelSamples& samples, std::size_t sample) const {
@@ -363,17 +371,30 @@ std::uint32_t Fit::reason_at_limit(const Point& point) const {
   return from_limit < 2 * kGreatestLogitStep ? kOutsideModel : kNotIdentifiable;
 }
 
-bool Fit::is_hopeless(const Point& point) const {
-  if (problem_.table != nullptr && problem_.table->holds(point.shape)) return false;
+double Fit::log_variance() const {
   const auto root = scaled_cholesky(normal_);
-  return !root || root->solve({0, 1, 0, 0})[1] > kHopelessLogSd * kHopelessLogSd;
+  return root ? root->solve({0, 1, 0, 0})[1] : kInfinity;
 }
 
-// A step shortened until it descends.
+bool Fit::is_in_table(const ShapePoint& shape) const {
+  return problem_.table != nullptr && problem_.table->holds(shape);
+}
+
+// The nearest point that the table holds.
+ShapePoint Fit::within_table(const ShapePoint& shape) const {
+  const auto& [least, greatest] = problem_.table->range();
+  return {std::clamp(shape.logit_reflectance, least.logit_reflectance, greatest.logit_reflectance),
+          std::clamp(shape.log_translucency_px, least.log_translucency_px,
+                     greatest.log_translucency_px)};
+}
+
+// A step shortened until it descends. Out of the table it stops at the edge, unless it may leave.
 bool Fit::advance(Point& point, std::array<double, kUnknowns> change, int attempts) {
+  const bool is_held = !may_leave_table_ && is_in_table(point.shape);
   for (int attempt = 0; attempt < attempts; ++attempt) {
-    const Point next = moved(point, change);
-    if (evaluate(next, trial_samples_) && chi_square(next, trial_samples_) <= chi_square_) {
+    Point next = moved(point, change);
+    if (is_held) next.shape = within_table(next.shape);
+    if (evaluate(next, trial_samples_) && chi_square(next, trial_samples_) < chi_square_) {
       point = next;
       std::swap(samples_, trial_samples_);
       return true;
@@ -383,29 +404,49 @@ bool Fit::advance(Point& point, std::array<double, kUnknowns> change, int attemp
   return false;
 }
 
-// Gauss-Newton; a step that does not descend is shortened, as R_d and l_d lie in a curved valley,
-// then damped. 0 at the optimum.
-std::uint32_t Fit::search(Point& point) {
-  if (!evaluate(point, samples_)) return kOutsideModel;
+bool Fit::settle(const Point& point) {
+  if (!evaluate(point, samples_)) return false;
   weigh(point, samples_);
   assemble(point, samples_);
+  return true;
+}
+
+// Gauss-Newton; a step that does not descend is shortened, as R_d and l_d lie in a curved valley,
+// then damped. 0 at the optimum. First with what the table has; the model itself is for those whose
+// l_d can be known.
+std::uint32_t Fit::search(Point& point) {
+  if (!settle(point)) return kOutsideModel;
+  const auto is_worth_the_model = [&] { return log_variance() < kEdgeLogSd * kEdgeLogSd; };
   double damping = 0;
   for (int count = 0; count < kMostSteps && damping < kGreatestDamping; ++count) {
-    if (is_hopeless(point)) return reason_at_limit(point);
+    const bool is_inside = is_in_table(point.shape);
+    if ((!is_inside || count >= kPatience) && log_variance() > kHopelessLogSd * kHopelessLogSd)
+      break;
     const auto change = step(damping);
     const double length = change ? squared_length(*change) : kInfinity;
     if (damping == 0 && length < kLastStep) {
+      if (harmonics_ == PixelModel::Harmonics::kOfTable && model_.is_cut_off()) {
+        if (!is_worth_the_model()) break;
+        harmonics_ = PixelModel::Harmonics::kAll;
+        if (!settle(point)) break;
+        continue;
+      }
       point = moved(point, *change);
       chi_square_ = std::max(chi_square_ - length, 0.0);
       return 0;
     }
-    if (!change || !advance(point, *change, damping == 0 ? kShortenings : 1)) {
+    const bool is_leaving =
+        is_inside && !may_leave_table_ && change && !is_in_table(moved(point, *change).shape);
+    if (change && advance(point, *change, damping == 0 ? kShortenings : 1)) {
+      damping = damping > kFirstDamping ? damping / kMoreDamping : 0;
+      if (length > kReweighingStep) weigh(point, samples_);
+      assemble(point, samples_);
+    } else if (is_leaving) {
+      if (!is_worth_the_model()) break;
+      may_leave_table_ = true;
+    } else {
       damping = std::max(kFirstDamping, damping * kMoreDamping);
-      continue;
     }
-    damping = damping > kFirstDamping ? damping / kMoreDamping : 0;
-    if (length > kReweighingStep) weigh(point, samples_);
-    assemble(point, samples_);
   }
   return reason_at_limit(point);
 }

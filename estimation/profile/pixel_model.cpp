@@ -120,8 +120,10 @@ int PixelModel::most_harmonics() const {
   return most;
 }
 
-bool PixelModel::evaluate(ShapePoint shape, double phase_px, double tolerance, ModelSamples& out) {
-  if (!from_table(shape, tolerance) && !from_model(shape, tolerance)) return false;
+bool PixelModel::evaluate(ShapePoint shape, double phase_px, double tolerance, Harmonics harmonics,
+                          ModelSamples& out) {
+  is_cut_off_ = false;
+  if (!from_table(shape, tolerance, harmonics) && !from_model(shape, tolerance)) return false;
   for (std::vector<double>* row : {&out.harmonics, &out.by_logit, &out.by_log, &out.by_phase})
     row->assign(sample_count(), 0);
   const int count = static_cast<int>(value_.size());
@@ -130,7 +132,7 @@ bool PixelModel::evaluate(ShapePoint shape, double phase_px, double tolerance, M
   return true;
 }
 
-bool PixelModel::from_table(ShapePoint shape, double tolerance) {
+bool PixelModel::from_table(ShapePoint shape, double tolerance, Harmonics harmonics) {
   const HarmonicTable* table = problem_->table;
   if (table == nullptr || !table->holds(shape)) return false;
   const ShapePoint& least = table->range().least;
@@ -149,9 +151,9 @@ bool PixelModel::from_table(ShapePoint shape, double tolerance) {
   };
   const int most = std::min(table->harmonic_count(), most_harmonics());
   auto count = static_cast<std::size_t>(most);
-  if (most > 1 && most_harmonics() > most &&
-      std::max(size(count - 1), size(count - 2)) > kTruncation * tolerance)
-    return false;
+  is_cut_off_ = most > 1 && most_harmonics() > most &&
+                std::max(size(count - 1), size(count - 2)) > kTruncation * tolerance;
+  if (is_cut_off_ && harmonics == Harmonics::kAll) return false;
   while (count > 1 && size(count - 1) < tolerance) --count;
   value_.resize(count);
   by_logit_.resize(count);

@@ -42,12 +42,18 @@ class PixelModel {
   // Variance of a sample's reflectance factor where the model expects this much of it.
   double variance(double reflectance) const;
 
-  // False where the model has no value. From the table where that holds the point; harmonics below
-  // `tolerance` of reflectance are left out.
-  bool evaluate(ShapePoint shape, double phase_px, double tolerance, ModelSamples& out);
+  enum class Harmonics { kOfTable, kAll };
+
+  // False where the model has no value. From the table where that holds the point, and holds all
+  // harmonics that matter unless kOfTable does without; those below `tolerance` of reflectance are
+  // left out.
+  bool evaluate(ShapePoint shape, double phase_px, double tolerance, Harmonics harmonics,
+                ModelSamples& out);
+  // Whether the table lacked harmonics at the last point.
+  bool is_cut_off() const { return is_cut_off_; }
 
  private:
-  bool from_table(ShapePoint shape, double tolerance);
+  bool from_table(ShapePoint shape, double tolerance, Harmonics harmonics);
   bool from_model(ShapePoint shape, double tolerance);
   bool append_from_model(ShapePoint shape, int count);
   int most_harmonics() const;
@@ -59,7 +65,8 @@ class PixelModel {
   std::size_t pixel_ = 0;
   double full_signal_ = 0, level_ = 0, wave_per_px_ = 0, duty_ = 0;
   std::vector<double> reflectance_;
-  std::vector<double> turn_re_, turn_im_;          // [n - 1][sample]
+  std::vector<double> turn_re_, turn_im_;  // [n - 1][sample]
+  bool is_cut_off_ = false;
   int turn_count_ = 0;                             // harmonics that the turns hold
   std::vector<double> value_, by_logit_, by_log_;  // [n - 1] a_n and derivatives
   std::vector<double> waves_, plain_, lower_, upper_;
