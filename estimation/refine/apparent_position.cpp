@@ -12,8 +12,9 @@
 namespace estimation {
 namespace {
 
-// Standard deviation of the Gaussian that averages nodes, in node distances: half of l_d. The shift
-// feeds back on itself through the surface; finer detail than that would grow from pass to pass.
+// Standard deviation of the Gaussian that averages nodes, in node distances: half of l_d. The
+// shift feeds back on itself through the surface; finer detail than that would grow from pass to
+// pass.
 constexpr double kAverageNodes = 1.25;
 constexpr int kReachNodes = 3;
 // A shift by more than this is no shift of a surface's light but a failed reconstruction.

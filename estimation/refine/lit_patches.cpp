@@ -101,13 +101,13 @@ LocalPlane local_plane(const LitSurface& surface, int row, int col) {
   const double length = cv::norm(gradient);
   if (!(length > 0)) return {};
   gradient *= 1 / (length * at(surface.pitch_mm, row, col));
-  plane.column_px_by_col = gradient.dot(plane.by_col_mm);
-  plane.column_px_by_row = gradient.dot(plane.by_row_mm);
+  plane.px_by_col = gradient.dot(plane.by_col_mm);
+  plane.px_by_row = gradient.dot(plane.by_row_mm);
   const Vec3 here = surface.position(row, col);
   const Vec3 sight = here / cv::norm(here);
   plane.across_mm = cv::norm(by_col->position_mm - by_col->position_mm.dot(sight) * sight);
-  plane.is_known = plane.across_mm > 0 && std::isfinite(plane.column_px_by_col) &&
-                   std::isfinite(plane.column_px_by_row);
+  plane.is_known =
+      plane.across_mm > 0 && std::isfinite(plane.px_by_col) && std::isfinite(plane.px_by_row);
   return plane;
 }
 

@@ -36,7 +36,7 @@ bool goes_on(const LitSurface& surface, int row, int col, int other_row, int oth
 // both perpendicular to its normal, and the stripes' coordinate by the two numbers below.
 struct LocalPlane {
   Vec3 by_col_mm{0, 0, 0}, by_row_mm{0, 0, 0};
-  double column_px_by_col = 0, column_px_by_row = 0;
+  double px_by_col = 0, px_by_row = 0;
   double across_mm = 0;   // a camera pixel's side at that distance, across the line of sight
   bool is_known = false;  // false: no neighbours to tell it from
 };

@@ -50,9 +50,7 @@ bool SpatialCorrection::at(int row, int col, const SpreadMaterial& material,
   steps_per_mm_ = static_cast<float>(RadialProfile::kStepsPerUnit / material.translucency_mm);
   profile_.line(material.diffuse_reflectance, line_);
 
-  arrivals_.weight.clear();
-  arrivals_.cosine.clear();
-  arrivals_.sine.clear();
+  arrivals_.clear();
   // Beyond the picture the plane is taken to go on, as lit as here: no difference.
   const int reach_px = static_cast<int>(reach_mm / plane_.across_mm) + 1;
   const int side = patches_.side_px;
@@ -98,33 +96,44 @@ void SpatialCorrection::collect_surface(int block_row, int first, int last) {
 void SpatialCorrection::collect_plane(int block_row, int first, int last) {
   const double rad_per_px = 2 * std::numbers::pi / period_px_;
   const double down_px = centre_px(block_row, patches_.side_px, row_);
-  const Vec3 row_start = down_px * plane_.by_row_mm;
-  for (int col = first; col < last; ++col) {
-    const double right_px = centre_px(col, patches_.side_px, col_);
-    const Vec3 offset = row_start + right_px * plane_.by_col_mm;
-    const auto distance2 = static_cast<float>(offset.dot(offset));
-    if (!(distance2 < reach2_mm2_)) continue;
-    const double phase =
-        rad_per_px * (right_px * plane_.column_px_by_col + down_px * plane_.column_px_by_row);
-    arrivals_.add(-static_cast<float>(plane_flux_mm2_) * profile_at(distance2),
-                  static_cast<float>(std::cos(phase)), static_cast<float>(std::sin(phase)));
+  const double right_px = centre_px(first, patches_.side_px, col_);
+  const Vec3 start = down_px * plane_.by_row_mm + right_px * plane_.by_col_mm;
+  const Vec3 step = patches_.side_px * plane_.by_col_mm;
+  const auto flux = static_cast<float>(plane_flux_mm2_);
+  // Along a row the phase grows evenly.
+  std::complex<double> turn =
+      std::polar(1.0, rad_per_px * (right_px * plane_.px_by_col + down_px * plane_.px_by_row));
+  const std::complex<double> turn_step =
+      std::polar(1.0, rad_per_px * patches_.side_px * plane_.px_by_col);
+  const double along = start.dot(step), start2 = start.dot(start), step2 = step.dot(step);
+  for (int i = 0; i < last - first; ++i) {
+    const auto distance2 = static_cast<float>(start2 + i * (2 * along + i * step2));
+    if (distance2 < reach2_mm2_)
+      arrivals_.add(-flux * profile_at(std::max(distance2, 0.0F)), static_cast<float>(turn.real()),
+                    static_cast<float>(turn.imag()));
+    turn = {turn.real() * turn_step.real() - turn.imag() * turn_step.imag(),
+            turn.real() * turn_step.imag() + turn.imag() * turn_step.real()};
   }
 }
 
 // Lanes side by side, for the compiler to vectorise; the harmonics by rotation.
 void SpatialCorrection::sum_arrivals(std::span<std::complex<double>> out) {
   while (arrivals_.weight.size() % kLanes != 0) arrivals_.add(0, 1, 0);
-  std::vector<float>& re = arrivals_.weight;
-  std::vector<float> im(re.size(), 0.0F);
+  const std::size_t count = arrivals_.weight.size();
+  float* re = arrivals_.weight.data();
+  im_.assign(count, 0.0F);
+  float* im = im_.data();
+  const float* cosine = arrivals_.cosine.data();
+  const float* sine = arrivals_.sine.data();
   for (std::size_t n = 0; n < count_; ++n) {
     float sum_re[kLanes] = {}, sum_im[kLanes] = {};
-    for (std::size_t begin = 0; begin < re.size(); begin += kLanes)
+    for (std::size_t begin = 0; begin < count; begin += kLanes)
       for (std::size_t lane = 0; lane < kLanes; ++lane) {
         const std::size_t i = begin + lane;
         sum_re[lane] += re[i];
         sum_im[lane] += im[i];
-        const float next = re[i] * arrivals_.cosine[i] - im[i] * arrivals_.sine[i];
-        im[i] = re[i] * arrivals_.sine[i] + im[i] * arrivals_.cosine[i];
+        const float next = re[i] * cosine[i] - im[i] * sine[i];
+        im[i] = re[i] * sine[i] + im[i] * cosine[i];
         re[i] = next;
       }
     double total_re = 0, total_im = 0;

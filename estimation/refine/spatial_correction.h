@@ -41,6 +41,11 @@ class SpatialCorrection {
       cosine.push_back(c);
       sine.push_back(s);
     }
+    void clear() {
+      weight.clear();
+      cosine.clear();
+      sine.clear();
+    }
   };
   void collect_surface(int block_row, int first, int last);
   void collect_plane(int block_row, int first, int last);
@@ -54,6 +59,7 @@ class SpatialCorrection {
   std::size_t count_;        // harmonics and the mean
   std::vector<float> line_;  // of the profile, one material's
   Arrivals arrivals_;
+  std::vector<float> im_;
   // Of the pixel at hand:
   int row_ = 0, col_ = 0;
   LocalPlane plane_;

@@ -40,6 +40,10 @@ std::vector<double> sampled(const LitSurface& surface, const Value& value) {
   return values;
 }
 
+bool sees_band(const CameraInfo& camera, int row, int col, int band) {
+  return camera.pixel_format.filter == ColorFilter::kRgb || band_at(camera, row, col) == band;
+}
+
 bool is_material(const SpreadMaterial& material) {
   return material.diffuse_reflectance > 0 && material.diffuse_reflectance < 1 &&
          material.translucency_mm > 0;
@@ -66,8 +70,9 @@ bool SpreadField::is_known(int node_row, int node_col) const {
   return std::isfinite(mean[index(node_row, node_col)]);
 }
 
-SpreadField spread_field(const LitSurface& surface, const BandMaterial& material,
-                         const ScatteringModel& model, StripeShape shape) {
+SpreadField spread_field(const CameraInfo& camera, int band, const LitSurface& surface,
+                         const BandMaterial& material, const ScatteringModel& model,
+                         StripeShape shape) {
   const double translucency_mm = typical_translucency_mm(surface, material);
   const double pixel_mm = typical_pixel_mm(surface);
   SpreadField field;
@@ -88,6 +93,7 @@ SpreadField spread_field(const LitSurface& surface, const BandMaterial& material
     for (int i = range.begin(); i != range.end(); ++i)
       for (int j = 0; j < field.cols; ++j) {
         const int row = i * field.stride_px, col = j * field.stride_px;
+        if (field.stride_px == 1 && !sees_band(camera, row, col, band)) continue;
         const SpreadMaterial here{static_cast<double>(material.diffuse_reflectance.at(row, col)),
                                   static_cast<double>(material.translucency_mm.at(row, col))};
         if (!is_material(here) || !correction.at(row, col, here, change)) continue;

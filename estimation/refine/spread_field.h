@@ -8,6 +8,7 @@
 #include "estimation/models/scattering_model.h"
 #include "estimation/profile/stripe_set.h"
 #include "estimation/refine/lit_patches.h"
+#include "estimation/session/manifest.h"
 
 namespace estimation {
 
@@ -41,9 +42,10 @@ struct SpreadField {
   }
 };
 
-// Nodes 0.4 l_d apart, at least a camera pixel. Runs in the caller's oneTBB arena; the same bits
-// for any number of threads.
-SpreadField spread_field(const LitSurface& surface, const BandMaterial& material,
-                         const ScatteringModel& model, StripeShape shape);
+// Nodes 0.4 l_d apart; where that is a camera pixel, the band's own pixels. Runs in the caller's
+// oneTBB arena; the same bits for any number of threads.
+SpreadField spread_field(const CameraInfo& camera, int band, const LitSurface& surface,
+                         const BandMaterial& material, const ScatteringModel& model,
+                         StripeShape shape);
 
 }  // namespace estimation
