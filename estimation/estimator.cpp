@@ -5,35 +5,33 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
-#include <map>
 #include <numbers>
 #include <optional>
 #include <utility>
 
+#include "estimation/auxiliary.h"
 #include "estimation/geometry/correspondence.h"
 #include "estimation/geometry/surface.h"
+#include "estimation/material_maps.h"
 #include "estimation/models/scattering_model.h"
-#include "estimation/profile/fill_sites.h"
 #include "estimation/profile/profile_point.h"
-#include "estimation/profile/profile_table.h"
-#include "estimation/profile/scene_fit.h"
 #include "estimation/profile/stripe_set.h"
 #include "estimation/profile/stripe_transfer.h"
-#include "estimation/radiometry/illumination.h"
 #include "estimation/radiometry/merge.h"
 #include "estimation/radiometry/noise.h"
 #include "estimation/radiometry/signal_store.h"
 #include "estimation/session/frame_io.h"
+#include "estimation/stripe_signals.h"
 
 namespace estimation {
 namespace {
 
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-
 // Beyond this angle "our data is unreliable" (the paper, section 5): one degree of normal is then
 // 6.5% of irradiance.
 constexpr double kGrazingDegrees = 75;
+
+// More than any pattern of ours shows.
+constexpr int kMostHarmonics = 64;
 
 // Frames read ahead of the merge by estimate_session.
 constexpr std::size_t kReadAhead = 16;
@@ -55,92 +53,6 @@ std::string joined(const std::vector<std::string>& words) {
   return text;
 }
 
-// The same error with the manifest's key that names the file.
-InputError named_by(const std::string& key, InputError error) {
-  error.place = error.place.empty() ? key : key + ", " + error.place;
-  return error;
-}
-
-Result<std::map<std::string, Image<float>>> read_channels(const std::filesystem::path& session,
-                                                          const std::string& name,
-                                                          const std::string& place) {
-  const auto path = resolve_in_session(session, name, place);
-  if (!path) return tl::unexpected(path.error());
-  auto channels = read_exr(*path);
-  if (!channels) return tl::unexpected(named_by(place, channels.error()));
-  return channels;
-}
-
-// A single-channel EXR of a required size; an empty image if no file is named.
-Result<Image<float>> read_single(const std::filesystem::path& session,
-                                 const std::optional<std::string>& name, const std::string& place,
-                                 int height_px, int width_px) {
-  if (!name) return Image<float>();
-  auto channels = read_channels(session, *name, place);
-  if (!channels) return tl::unexpected(channels.error());
-  const auto wrong = [&](const std::string& expectation) {
-    return tl::unexpected(
-        InputError{InputFault::kInvalid, (session / *name).string(), place, expectation});
-  };
-  if (channels->size() != 1)
-    return wrong("has " + std::to_string(channels->size()) + " channels; expected one");
-  Image<float>& image = channels->begin()->second;
-  if (image.height_px() != height_px || image.width_px() != width_px)
-    return wrong("is " + std::to_string(image.width_px()) + " x " +
-                 std::to_string(image.height_px()) + " px; expected " + std::to_string(width_px) +
-                 " x " + std::to_string(height_px));
-  return std::move(image);
-}
-
-Result<CameraBlack> read_black(const Manifest& manifest, const std::filesystem::path& session) {
-  if (manifest.camera.black_level_dn) return CameraBlack(*manifest.camera.black_level_dn);
-  if (manifest.camera.dark_frames.empty()) return CameraBlack(0.0);  // geometry needs no black
-  std::vector<CameraBlack::Dark> darks;
-  for (const DarkFrame& dark : manifest.camera.dark_frames) {
-    auto frame = read_frame(session, manifest, dark.file);
-    if (!frame)
-      return tl::unexpected(
-          named_by("/camera/dark_frames/" + std::to_string(darks.size()) + "/file", frame.error()));
-    darks.push_back({dark.exposure_us, std::move(*frame)});
-  }
-  return CameraBlack(std::move(darks));
-}
-
-// Of the calibration, read and checked once.
-struct Auxiliary {
-  CameraBlack black{0.0};
-  Image<float> flat_field, vignetting;
-  HarmonicTransfer transfer;
-};
-
-Result<Auxiliary> read_auxiliary(const Manifest& manifest, const std::filesystem::path& session) {
-  const CameraInfo& camera = manifest.camera;
-  const Calibration& calibration = manifest.calibration;
-  auto black = read_black(manifest, session);
-  if (!black) return tl::unexpected(black.error());
-  auto flat_field = read_single(session, camera.flat_field_file, "/camera/flat_field",
-                                camera.height_px, camera.width_px);
-  if (!flat_field) return tl::unexpected(flat_field.error());
-  auto vignetting = read_single(
-      session, calibration.irradiance ? calibration.irradiance->vignetting_file : std::nullopt,
-      "/calibration/irradiance/vignetting", manifest.projector.height_px,
-      manifest.projector.width_px);
-  if (!vignetting) return tl::unexpected(vignetting.error());
-  std::map<std::string, Image<float>> transfer_maps;
-  if (calibration.stripe_transfer)
-    if (const auto* file = std::get_if<TransferFile>(&*calibration.stripe_transfer)) {
-      auto channels = read_channels(session, file->file, "/calibration/stripe_transfer");
-      if (!channels) return tl::unexpected(channels.error());
-      transfer_maps = std::move(*channels);
-    }
-  auto transfer = HarmonicTransfer::create(calibration.stripe_transfer, transfer_maps, camera);
-  if (!transfer) return tl::unexpected(transfer.error());
-  return Auxiliary{.black = std::move(*black),
-                   .flat_field = std::move(*flat_field),
-                   .vignetting = std::move(*vignetting),
-                   .transfer = std::move(*transfer)};
-}
-
 // One sample a pixel for the geometry: the sum of an RGB frame's bands.
 Image<float> sum_of_channels(const Image<float>& rate) {
   Image<float> sum(rate.height_px(), rate.width_px());
@@ -150,34 +62,6 @@ Image<float> sum_of_channels(const Image<float>& rate) {
         sum.at(row, col) += rate.at(row, col, channel);
   });
   return sum;
-}
-
-// The mean of the signals that one shift was seen in more than once.
-Image<float> mean_of(const std::vector<PatternRate>& patterns,
-                     const std::vector<std::size_t>& sources) {
-  Image<float> mean = patterns[sources[0]].rate;
-  for (std::size_t i = 1; i < sources.size(); ++i)
-    for (std::size_t k = 0; k < mean.samples().size(); ++k)
-      mean.samples()[k] += patterns[sources[i]].rate.samples()[k];
-  for (float& sample : mean.samples()) sample /= static_cast<float>(sources.size());
-  return mean;
-}
-
-// Signals of a stripe set in the order of its shifts.
-struct StripeSignals {
-  std::vector<Image<float>> means;  // owns those seen more than once
-  std::vector<ImageView<const float>> views;
-};
-
-StripeSignals signals_of(const StripeSet& stripes, const std::vector<PatternRate>& patterns) {
-  StripeSignals signals;
-  signals.means.reserve(stripes.sources.size());
-  for (const auto& sources : stripes.sources) {
-    if (sources.size() > 1) signals.means.push_back(mean_of(patterns, sources));
-    signals.views.push_back(sources.size() > 1 ? signals.means.back().view()
-                                               : patterns[sources[0]].rate.view());
-  }
-  return signals;
 }
 
 // Neighbouring shifts are so close that their differences are noise: fourth differences of 16
@@ -198,9 +82,28 @@ bool is_fine_sweep(const StripeSet& stripes) {
 
 Result<void> EstimatorOptions::validate() const {
   std::vector<std::string> problems;
-  if (method != "lut") problems.push_back("method is '" + method + "'; known is: lut");
-  if (const auto made = make_scattering_model(model, {.eta = eta}); !made)
+  const auto expect_one_of = [&](const std::string& name, const std::string& value,
+                                 const std::vector<std::string>& known) {
+    if (std::find(known.begin(), known.end(), value) == known.end())
+      problems.push_back(name + " is '" + value + "'; known are: " + joined(known));
+  };
+  expect_one_of("method", method, {"likelihood", "lut"});
+  expect_one_of("indirect", indirect, {"auto", "free", "zero"});
+  expect_one_of("sweep_errors", sweep_errors, {"auto", "report", "off"});
+  if (const auto made = make_scattering_model(model, {.eta = eta, .anisotropy = anisotropy}); !made)
     problems.push_back(made.error().text());
+  if (harmonic_count < 0 || harmonic_count > kMostHarmonics)
+    problems.push_back("harmonic_count is " + std::to_string(harmonic_count) +
+                       "; expected 0 (all) to " + std::to_string(kMostHarmonics));
+  if (method == "lut") {
+    const EstimatorOptions usual;
+    const auto refuse = [&](const std::string& name, bool is_given) {
+      if (is_given) problems.push_back(name + " is for the method likelihood; lut has none");
+    };
+    refuse("indirect", indirect != usual.indirect);
+    refuse("harmonic_count", harmonic_count != usual.harmonic_count);
+    refuse("sweep_errors", sweep_errors != usual.sweep_errors);
+  }
   if (thread_count < 0)
     problems.push_back("thread_count is " + std::to_string(thread_count) +
                        "; expected 0 (all) or more");
@@ -246,24 +149,11 @@ class Estimator::Implementation {
   // The outline: signals, correspondence, surface, then each band's parameters.
   Result<Maps> estimate();
   Correspondence correspond(std::span<const MergedNoise> noise);
-  struct SceneImages {
-    Image<float> gain;
-    Image<std::uint32_t> validity;
+  struct Noise {
+    std::vector<MergedNoise> merged;
+    bool is_measured = false;  // the camera's own numbers; else told by the data, or assumed
   };
-  SceneGeometry scene_geometry(const Surface& surface, Axis axis, SceneImages& images) const;
-  void fit_bands(const Surface& surface, std::span<const MergedNoise> noise, Maps& maps);
-  void store_band(int band, const Image<float>& pitch_mm, BandFit fit, Maps& maps) const;
-  struct StripeScene {
-    const StripeSet& stripes;
-    std::span<const ImageView<const float>> signals;
-    const SceneGeometry& geometry;
-    const Image<float>& pitch_mm;
-    std::span<const MergedNoise> noise;
-  };
-  std::vector<ProfilePoint> profiles_of(const StripeScene& scene, const Maps& maps) const;
-  std::vector<MergedNoise> noise_of(const std::optional<StripeSet>& stripes) const;
-  BandRadiometry radiometry_of(int band, std::span<const MergedNoise> noise) const;
-  const PatternRate* fully_lit() const;
+  Noise noise_of(const std::optional<StripeSet>& stripes) const;
 
   Manifest manifest_;
   EstimatorOptions options_;
@@ -290,9 +180,9 @@ Result<Maps> Estimator::Implementation::estimate() {
   std::vector<const PatternKind*> kinds;
   for (const PatternRate& pattern : signals_.patterns) kinds.push_back(&pattern.pattern->kind);
   const std::optional<StripeSet> stripes = choose_stripe_set(kinds);
-  const std::vector<MergedNoise> noise = noise_of(stripes);
+  const Noise noise = noise_of(stripes);
 
-  correspondence_ = correspond(noise);
+  correspondence_ = correspond(noise.merged);
   SurfaceOptions surface_options;
   surface_options.min_cos_projector = surface_options.min_cos_camera =
       std::cos(kGrazingDegrees * std::numbers::pi / 180);
@@ -316,7 +206,21 @@ Result<Maps> Estimator::Implementation::estimate() {
   const std::vector<std::string> missing = missing_for_radiometry(manifest_);
   if (!options_.is_geometry_only && !missing.empty())
     notes_.push_back("geometry only: the session has no " + joined(missing));
-  if (!options_.is_geometry_only && missing.empty()) fit_bands(surface, noise, maps);
+  if (!options_.is_geometry_only && missing.empty()) {
+    MaterialResult material = estimate_material({.manifest = manifest_,
+                                                 .options = options_,
+                                                 .model = *model_,
+                                                 .transfer = transfer_,
+                                                 .vignetting = vignetting_,
+                                                 .signals = signals_,
+                                                 .correspondence = correspondence_,
+                                                 .surface = surface,
+                                                 .noise = noise.merged,
+                                                 .is_noise_measured = noise.is_measured},
+                                                maps);
+    notes_.insert(notes_.end(), material.notes.begin(), material.notes.end());
+    profiles_ = std::move(material.profiles);
+  }
 
   maps.position_mm = std::move(surface.position_mm);
   maps.normal = std::move(surface.normal);
@@ -349,173 +253,23 @@ Correspondence Estimator::Implementation::correspond(std::span<const MergedNoise
   return found;
 }
 
-std::vector<MergedNoise> Estimator::Implementation::noise_of(
+Estimator::Implementation::Noise Estimator::Implementation::noise_of(
     const std::optional<StripeSet>& stripes) const {
   const PatternRate& typical =
       signals_.patterns[stripes ? stripes->sources.front().front() : std::size_t{0}];
   const double longest_us = typical.exposures_us.back();
   const double headroom_dn = saturation_dn() - black_.mean_dn(longest_us);
   if (camera().gain_e_per_dn.value_or(0) > 0 && camera().read_noise_e)
-    return merged_noise(typical.exposures_us, {*camera().gain_e_per_dn, *camera().read_noise_e},
-                        headroom_dn);
+    return {merged_noise(typical.exposures_us, {*camera().gain_e_per_dn, *camera().read_noise_e},
+                         headroom_dn),
+            true};
   if (stripes && is_fine_sweep(*stripes))
     if (const auto estimated = noise_from_stripes(signals_of(*stripes, signals_.patterns).views))
-      return {*estimated};
+      return {{*estimated}, false};
   // Nothing to tell it from: a 20 ke- full well and 10 e- read noise, as cameras of this class
   // have.
-  return merged_noise(typical.exposures_us, {20000 / std::max(headroom_dn, 1.0), 10}, headroom_dn);
-}
-
-BandRadiometry Estimator::Implementation::radiometry_of(int band,
-                                                        std::span<const MergedNoise> noise) const {
-  const auto of_band = [&](const std::vector<double>& values) {
-    return values[std::min(static_cast<std::size_t>(band), values.size() - 1)];
-  };
-  const double signal_per_us = of_band(manifest_.calibration.irradiance->signal_per_us);
-  const std::vector<double>& black = manifest_.calibration.projector_black_dn_per_us;
-  // A black pattern's frames hold the projector's black already.
-  const bool is_left_in = !signals_.is_black_subtracted && !black.empty();
-  return {.band = band,
-          .signal_per_us = signal_per_us,
-          .projector_black_frac = is_left_in ? of_band(black) / signal_per_us : 0,
-          .noise = noise};
-}
-
-const PatternRate* Estimator::Implementation::fully_lit() const {
-  for (const PatternRate& pattern : signals_.patterns)
-    if (std::holds_alternative<White>(pattern.pattern->kind)) return &pattern;
-  return nullptr;
-}
-
-SceneGeometry Estimator::Implementation::scene_geometry(const Surface& surface, Axis axis,
-                                                        SceneImages& images) const {
-  images.gain = Image<float>(camera().height_px, camera().width_px, 1, kNan);
-  images.validity = surface.validity;
-  const Illumination light{
-      .vignetting = vignetting_.view(),
-      .reference_distance_mm = manifest_.calibration.irradiance->reference_distance_mm};
-  const bool is_column = axis == Axis::kColumn;
-  const Image<float>& position_px = is_column ? correspondence_.column_px : correspondence_.row_px;
-  const Image<float>& pitch_mm = is_column ? surface.column_pitch_mm : surface.row_pitch_mm;
-  const auto sample = [](const Image<float>& image, int row, int col) {
-    return static_cast<double>(image.empty() ? kNan : image.at(row, col));
-  };
-  tbb::parallel_for(0, camera().height_px, [&](int row) {
-    for (int col = 0; col < camera().width_px; ++col) {
-      const double gain = light.at(
-          sample(correspondence_.column_px, row, col), sample(correspondence_.row_px, row, col),
-          sample(surface.cos_projector, row, col), sample(surface.projector_distance_mm, row, col));
-      images.gain.at(row, col) = static_cast<float>(gain);
-      std::uint32_t& validity = images.validity.at(row, col);
-      const bool is_placed = gain > 0 && std::isfinite(sample(position_px, row, col)) &&
-                             std::isfinite(sample(pitch_mm, row, col));
-      if (!is_placed && (validity & kValidityErrors) == 0) validity |= kNoCorrespondence;
-    }
-  });
-  return {.position_px = position_px.view(),
-          .gain = images.gain.view(),
-          .projector_distance_mm = surface.projector_distance_mm.view(),
-          .validity = images.validity.view()};
-}
-
-void Estimator::Implementation::fit_bands(const Surface& surface,
-                                          std::span<const MergedNoise> noise, Maps& maps) {
-  std::vector<const PatternKind*> kinds;
-  for (const PatternRate& pattern : signals_.patterns) {
-    // Without correspondence along an axis its stripes have no known phase.
-    const auto* stripes_kind = std::get_if<Stripes>(&pattern.pattern->kind);
-    static const PatternKind kNone = Black{};
-    const bool is_usable =
-        stripes_kind == nullptr ||
-        !(stripes_kind->axis == Axis::kColumn ? correspondence_.column_px : correspondence_.row_px)
-             .empty();
-    kinds.push_back(is_usable ? &pattern.pattern->kind : &kNone);
-  }
-  const std::optional<StripeSet> stripes = choose_stripe_set(kinds);
-  const PatternRate* white = fully_lit();
-  if (!stripes) {
-    notes_.push_back(
-        "no stripes with enough shifts along a decoded axis: sigma_a, sigma_s_prime, translucency "
-        "and "
-        "indirect were not computed");
-    if (white == nullptr) {
-      notes_.push_back("no white pattern either: diffuse_reflectance was not computed");
-      return;
-    }
-    notes_.push_back("diffuse_reflectance is from the white pattern and contains indirect light");
-  }
-  SceneImages images;
-  const bool is_column = !correspondence_.column_px.empty();
-  const Axis axis = stripes ? stripes->axis : (is_column ? Axis::kColumn : Axis::kRow);
-  const SceneGeometry geometry = scene_geometry(surface, axis, images);
-  if (!stripes) {
-    for (int band = 0; band < bands(); ++band)
-      store_band(
-          band, {},
-          reflectance_of_band(camera(), radiometry_of(band, noise), white->rate.view(), geometry),
-          maps);
-    return;
-  }
-  const StripeSignals signals = signals_of(*stripes, signals_.patterns);
-  const ProfileTable wide(*model_, stripes->shape, TableRange{});
-  const Image<float>& pitch_mm =
-      stripes->axis == Axis::kColumn ? surface.column_pitch_mm : surface.row_pitch_mm;
-  for (int band = 0; band < bands(); ++band)
-    store_band(band, pitch_mm,
-               fit_band(camera(), radiometry_of(band, noise), *stripes, signals.views, geometry,
-                        transfer_, *model_, wide),
-               maps);
-  profiles_ = profiles_of({*stripes, signals.views, geometry, pitch_mm, noise}, maps);
-}
-
-std::vector<ProfilePoint> Estimator::Implementation::profiles_of(const StripeScene& scene,
-                                                                 const Maps& maps) const {
-  std::vector<ProfilePoint> points = choose_profile_points(camera(), maps.validity);
-  for (ProfilePoint& point : points) {
-    point.period_px = scene.stripes.shape.period_px;
-    for (int band = 0; band < bands(); ++band) {
-      const auto b = static_cast<std::size_t>(band);
-      ProfileBand& profile = point.bands[b];
-      const auto at_site = [&profile](const Image<float>& map) {
-        return static_cast<double>(map.at(profile.row, profile.col));
-      };
-      const double translucency_mm = at_site(maps.translucency_mm[b]);
-      const SiteMaterial found{.row = profile.row,
-                               .col = profile.col,
-                               .diffuse_reflectance = at_site(maps.diffuse_reflectance[b]),
-                               .translucency_px = translucency_mm / at_site(scene.pitch_mm),
-                               .indirect = at_site(maps.indirect[b])};
-      profile = profile_of_site(camera(), radiometry_of(band, scene.noise), scene.stripes,
-                                scene.signals, scene.geometry, transfer_, *model_, found);
-      profile.translucency_mm = translucency_mm;
-    }
-  }
-  return points;
-}
-
-void Estimator::Implementation::store_band(int band, const Image<float>& pitch_mm, BandFit fit,
-                                           Maps& maps) const {
-  const auto b = static_cast<std::size_t>(band);
-  maps.validity[b] = std::move(fit.validity);
-  maps.diffuse_reflectance[b] = std::move(fit.diffuse_reflectance);
-  if (fit.translucency_px.empty()) return;
-  maps.indirect[b] = std::move(fit.indirect);
-  maps.translucency_mm[b] = std::move(fit.translucency_px);
-  const Image<float> blank(camera().height_px, camera().width_px, 1, kNan);
-  maps.sigma_a_per_mm[b] = blank;
-  maps.sigma_s_prime_per_mm[b] = blank;
-  tbb::parallel_for(0, camera().height_px, [&](int row) {
-    for (int col = 0; col < camera().width_px; ++col) {
-      float& translucency = maps.translucency_mm[b].at(row, col);
-      translucency *= pitch_mm.at(row, col);
-      if (!std::isfinite(translucency)) continue;
-      const Coefficients medium =
-          model_->coefficients(static_cast<double>(maps.diffuse_reflectance[b].at(row, col)),
-                               static_cast<double>(translucency));
-      maps.sigma_a_per_mm[b].at(row, col) = static_cast<float>(medium.sigma_a_per_mm);
-      maps.sigma_s_prime_per_mm[b].at(row, col) = static_cast<float>(medium.sigma_s_prime_per_mm);
-    }
-  });
+  return {merged_noise(typical.exposures_us, {20000 / std::max(headroom_dn, 1.0), 10}, headroom_dn),
+          false};
 }
 
 Estimator::Estimator(std::unique_ptr<Implementation> implementation)
@@ -528,7 +282,8 @@ Result<std::unique_ptr<Estimator>> Estimator::create(const Manifest& manifest,
   if (const auto valid = options.validate(); !valid) return tl::unexpected(valid.error());
   auto auxiliary = read_auxiliary(manifest, session);
   if (!auxiliary) return tl::unexpected(auxiliary.error());
-  auto model = make_scattering_model(options.model, {.eta = options.eta});
+  auto model =
+      make_scattering_model(options.model, {.eta = options.eta, .anisotropy = options.anisotropy});
   if (!model) return tl::unexpected(model.error());
   auto implementation =
       std::make_unique<Implementation>(manifest, options, std::move(*auxiliary), std::move(*model));

@@ -19,10 +19,18 @@
 namespace estimation {
 
 struct EstimatorOptions {
-  std::string method = "lut";    // the paper's table search
-  std::string model = "dipole";  // see make_scattering_model
-  double eta = 1.4;              // refractive index of the medium
-  int thread_count = 0;          // 0: as many as the machine has
+  std::string method = "likelihood";  // or "lut", the paper's table search
+  std::string model = "dipole";       // see make_scattering_model
+  double anisotropy = 0.8;            // g of the medium
+  double eta = 1.4;                   // refractive index of the medium
+  // Indirect light of a pixel: "free", "zero", or "auto": free, but zero where its neighbourhood
+  // shows that there is none. Likelihood only.
+  std::string indirect = "auto";
+  int harmonic_count = 0;  // used at most; 0: all that the data can hold. Likelihood only.
+  // Blur and drift that the data show beyond the calibration: "off", "report", or "auto": corrected
+  // where they are significant. Likelihood only.
+  std::string sweep_errors = "auto";
+  int thread_count = 0;  // 0: as many as the machine has
   bool is_geometry_only = false;
 
   // Every bad field in one error, not the first alone.

@@ -4,12 +4,33 @@ namespace capture {
 
 void add_estimator_options(CLI::App& command, estimation::EstimatorOptions& options) {
   command.add_option("--method", options.method, "how the maps are fitted")
-      ->check(CLI::IsMember({"lut"}))
+      ->check(CLI::IsMember({"likelihood", "lut"}))
       ->capture_default_str();
   command.add_option("--model", options.model, "how light scatters")
-      ->check(CLI::IsMember({"dipole"}))
+      ->check(
+          CLI::IsMember({"monte_carlo", "monte_carlo_angular", "dipole", "gaussians", "burley"}))
+      ->capture_default_str();
+  command
+      .add_option("--anisotropy", options.anisotropy,
+                  "g of the medium, for the models that know it")
       ->capture_default_str();
   command.add_option("--eta", options.eta, "refractive index of the medium")->capture_default_str();
+  command
+      .add_option("--indirect", options.indirect,
+                  "indirect light: fitted, zero, or decided by each neighbourhood")
+      ->check(CLI::IsMember({"auto", "free", "zero"}))
+      ->capture_default_str();
+  command
+      .add_option("--harmonics", options.harmonic_count,
+                  "of the stripes, used at most; 0: all that the data can hold")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  command
+      .add_option("--sweep-errors", options.sweep_errors,
+                  "blur and drift beyond the calibration: corrected where significant, only "
+                  "reported, or not looked for")
+      ->check(CLI::IsMember({"auto", "report", "off"}))
+      ->capture_default_str();
   command.add_option("--threads", options.thread_count, "0: as many as the machine has")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();

@@ -62,7 +62,7 @@ void fill_between_sites(const CameraInfo& camera, int band,
       const std::uint32_t own = pixel_validity.at(row, col);
       const Neighbours near = neighbours_of(camera, band, fit.validity, row, col);
       const bool is_valid = (own & kValidityErrors) == 0 && near.count > 0;
-      for (Image<float>* map : {&fit.diffuse_reflectance, &fit.translucency_px, &fit.indirect})
+      for (Image<float>* map : fit.images())
         if (!map->empty()) map->at(row, col) = is_valid ? weighted_mean(*map, near) : kNan;
       std::uint32_t bits = own;
       if (is_valid)

@@ -3,6 +3,7 @@
 // (design/estimation.md, section 5).
 #pragma once
 
+#include <array>
 #include <cstdint>
 
 #include "estimation/base/image.h"
@@ -11,12 +12,29 @@
 
 namespace estimation {
 
-// One band's parameters on the camera grid; NaN where validity holds an error.
+// One band's parameters on the camera grid; NaN where validity holds an error. An empty image was
+// not estimated.
 struct BandFit {
-  Image<float> diffuse_reflectance;
-  Image<float> translucency_px;  // l_d in projector px; empty if only R_d was estimated
-  Image<float> indirect;
-  Image<std::uint32_t> validity;
+  Image<float> diffuse_reflectance = {};
+  Image<float> translucency_px = {};  // l_d in projector px
+  Image<float> indirect = {};
+  Image<float> phase_px = {};  // to be added to the pixel's projector coordinate
+  // Standard deviations, relative but the last.
+  Image<float> diffuse_reflectance_rel_sd = {}, translucency_rel_sd = {};
+  Image<float> sigma_a_rel_sd = {}, sigma_s_prime_rel_sd = {}, indirect_sd = {};
+  Image<std::uint32_t> validity = {};
+
+  std::array<Image<float>*, 9> images() {
+    return {&diffuse_reflectance,
+            &translucency_px,
+            &indirect,
+            &phase_px,
+            &translucency_rel_sd,
+            &sigma_a_rel_sd,
+            &diffuse_reflectance_rel_sd,
+            &indirect_sd,
+            &sigma_s_prime_rel_sd};
+  }
 };
 
 // Completes the pixels that are not sites of `band`: the normalised convolution with [1 2 1] x

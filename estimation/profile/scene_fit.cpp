@@ -5,13 +5,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <limits>
 #include <numbers>
 #include <optional>
 #include <vector>
 
+#include "estimation/profile/band_sites.h"
 #include "estimation/profile/lut_fit.h"
 #include "estimation/profile/profile_match.h"
+#include "estimation/profile/site_factors.h"
 
 namespace estimation {
 namespace {
@@ -27,18 +30,6 @@ constexpr double kLeastContrastSd = 10;
 constexpr double kPoorFitNoise = 4;
 constexpr double kPoorFitFrac = 0.03;
 constexpr int kCurvePointsPerPx = 4;
-
-struct Site {
-  int row, col;
-};
-
-int channel_of(const CameraInfo& camera, int band) {
-  return camera.pixel_format.filter == ColorFilter::kRgb ? band : 0;
-}
-
-bool is_site(const CameraInfo& camera, int band, int row, int col) {
-  return band_at(camera, row, col, channel_of(camera, band)) == band;
-}
 
 // DN/us of a perfect reflector at the site.
 double full_signal_per_us(const BandRadiometry& radiometry, const SceneGeometry& geometry,
@@ -118,20 +109,6 @@ class SiteFitter {
   double noise_frac_ = 0;      // its root over the mean
 };
 
-// Evenly chosen valid sites, in image order.
-std::vector<Site> pilot_sites(const CameraInfo& camera, int band, const SceneGeometry& geometry) {
-  std::vector<Site> all;
-  for (int row = 0; row < camera.height_px; ++row)
-    for (int col = 0; col < camera.width_px; ++col)
-      if (is_site(camera, band, row, col) &&
-          (geometry.validity.at(row, col) & kValidityErrors) == 0)
-        all.push_back({row, col});
-  const std::size_t step = std::max<std::size_t>(1, all.size() / kPilotCount);
-  std::vector<Site> chosen;
-  for (std::size_t i = 0; i < all.size(); i += step) chosen.push_back(all[i]);
-  return chosen;
-}
-
 // The range that the fits occupy, with a margin; nullopt if none succeeded.
 std::optional<TableRange> occupied_range(std::span<const LutFit> fits, const TableRange& limits) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -157,8 +134,6 @@ std::optional<TableRange> occupied_range(std::span<const LutFit> fits, const Tab
 
 BandFit empty_fit(const CameraInfo& camera, const SceneGeometry& geometry) {
   BandFit fit{.diffuse_reflectance = Image<float>(camera.height_px, camera.width_px, 1, kNan),
-              .translucency_px = {},
-              .indirect = {},
               .validity = Image<std::uint32_t>(camera.height_px, camera.width_px)};
   for (int row = 0; row < camera.height_px; ++row)
     std::copy_n(geometry.validity.row(row).begin(), camera.width_px,
@@ -166,25 +141,28 @@ BandFit empty_fit(const CameraInfo& camera, const SceneGeometry& geometry) {
   return fit;
 }
 
-// r(shift) over one period at projector position `position_px`: the material's share of the light
-// on the stripe, indirect light, and projector black. The profile's mean over all phases is one.
+// r(shift) over one period: the material's share of the light on the stripe, indirect light, and
+// projector black.
+//   harmonics   c_n, of a profile whose mean over all phases is one
+//   factors     f_n, n = 0, 1, ...
 std::vector<ProfileSample> material_curve(StripeShape shape, std::span<const float> harmonics,
-                                          std::span<const float> contrast, double position_px,
-                                          const SiteMaterial& found, double projector_black_frac) {
+                                          std::span<const std::complex<double>> factors,
+                                          double position_px, const SiteMaterial& found,
+                                          double projector_black_frac) {
   const double duty = static_cast<double>(shape.width_px) / shape.period_px;
-  const double black = projector_black_frac * (found.diffuse_reflectance + found.indirect);
+  const double level = (duty + projector_black_frac) * factors[0].real() *
+                       (found.diffuse_reflectance + found.indirect);
   std::vector<ProfileSample> curve;
   for (int i = 0; i < shape.period_px * kCurvePointsPerPx; ++i) {
     const double shift_px = static_cast<double>(i) / kCurvePointsPerPx;
-    const double phase_rad = 2 * std::numbers::pi *
-                             (position_px - shift_px - 0.5 * (shape.width_px - 1)) /
-                             shape.period_px;
-    double profile = 1;
+    const double phase_rad =
+        2 * std::numbers::pi *
+        (position_px + found.phase_px - shift_px - 0.5 * (shape.width_px - 1)) / shape.period_px;
+    double wave = 0;
     for (std::size_t n = 1; n <= harmonics.size(); ++n)
-      profile += 2 * static_cast<double>(harmonics[n - 1] * contrast[n - 1]) *
-                 std::cos(static_cast<double>(n) * phase_rad);
-    curve.push_back(
-        {shift_px, duty * (found.diffuse_reflectance * profile + found.indirect) + black});
+      wave += 2 * static_cast<double>(harmonics[n - 1]) *
+              (factors[n] * std::polar(1.0, static_cast<double>(n) * phase_rad)).real();
+    curve.push_back({shift_px, level + duty * found.diffuse_reflectance * wave});
   }
   return curve;
 }
@@ -199,7 +177,8 @@ BandFit fit_band(const CameraInfo& camera, const BandRadiometry& radiometry,
     return SiteFitter(camera, radiometry, stripes, signals, geometry, transfer,
                       wide.greatest_harmonic_count());
   };
-  const std::vector<Site> pilot = pilot_sites(camera, radiometry.band, geometry);
+  const std::vector<Site> pilot =
+      evenly_chosen(valid_sites(camera, radiometry.band, geometry.validity), kPilotCount);
   std::vector<LutFit> pilot_fits(pilot.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, pilot.size(), 256), [&](const auto& range) {
     SiteFitter fit_site = fitter();
@@ -235,32 +214,42 @@ BandFit fit_band(const CameraInfo& camera, const BandRadiometry& radiometry,
   return fit;
 }
 
-ProfileBand profile_of_site(const CameraInfo& camera, const BandRadiometry& radiometry,
-                            const StripeSet& stripes,
-                            std::span<const ImageView<const float>> signals,
-                            const SceneGeometry& geometry, const HarmonicTransfer& transfer,
-                            const ScatteringModel& model, const SiteMaterial& found) {
-  const StripeShape shape = stripes.shape;
-  const double position_px = static_cast<double>(geometry.position_px.at(found.row, found.col));
-  const double peak_px = position_px - 0.5 * (shape.width_px - 1);
+ProfileBand profile_of_site(const StripeScene& scene, const BandRadiometry& radiometry,
+                            const SiteMaterial& found, double blur_px2) {
+  const StripeShape shape = scene.stripes.shape;
+  const Site site{found.row, found.col};
+  const double position_px =
+      static_cast<double>(scene.geometry.position_px.at(found.row, found.col));
+  const std::vector<float> harmonics =
+      profile_harmonics(scene.model, shape, found.diffuse_reflectance, found.translucency_px);
+  SiteFactors site_factors(scene, radiometry.band, static_cast<int>(harmonics.size()), blur_px2);
+  const std::span<const std::complex<double>> factors = site_factors.at(
+      site,
+      {.logit_reflectance = std::log(found.diffuse_reflectance / (1 - found.diffuse_reflectance)),
+       .log_translucency_px = std::log(found.translucency_px)});
+  // Oblique light moves the peak.
+  const double moved_px = std::arg(factors[1]) * shape.period_px / (2 * std::numbers::pi);
+  const double peak_px = position_px + found.phase_px + moved_px - 0.5 * (shape.width_px - 1);
   ProfileBand profile{.row = found.row,
                       .col = found.col,
                       .peak_px = peak_px - std::floor(peak_px / shape.period_px) * shape.period_px,
                       .diffuse_reflectance = found.diffuse_reflectance};
-  const double full = full_signal_per_us(radiometry, geometry, {found.row, found.col});
-  const int channel = channel_of(camera, radiometry.band);
-  for (std::size_t i = 0; i < signals.size(); ++i)
-    profile.measured.push_back(
-        {static_cast<double>(stripes.shifts_px[i]),
-         static_cast<double>(signals[i].at(found.row, found.col, channel)) / full});
-  const std::vector<float> harmonics =
-      profile_harmonics(model, shape, found.diffuse_reflectance, found.translucency_px);
-  std::vector<float> contrast(harmonics.size(), 1.0F);
-  if (!transfer.is_perfect())
-    transfer.at(found.row, found.col, radiometry.band,
-                static_cast<double>(geometry.projector_distance_mm.at(found.row, found.col)),
-                shape.period_px, contrast);
-  profile.matched = material_curve(shape, harmonics, contrast, position_px, found,
+  const double full = full_signal_per_us(radiometry, scene.geometry, site);
+  const int channel = channel_of(scene.camera, radiometry.band);
+  std::vector<std::size_t> seen;  // [measured] how many samples its mean holds
+  for (std::size_t i = 0; i < scene.signals.size(); ++i) {
+    const double shift_px = static_cast<double>(scene.stripes.shifts_px[i]);
+    const double reflectance =
+        static_cast<double>(scene.signals[i].at(found.row, found.col, channel)) / full;
+    if (!std::isfinite(reflectance)) continue;
+    if (profile.measured.empty() || profile.measured.back().shift_px != shift_px) {
+      profile.measured.push_back({shift_px, 0});
+      seen.push_back(0);
+    }
+    double& mean = profile.measured.back().reflectance;
+    mean += (reflectance - mean) / static_cast<double>(++seen.back());
+  }
+  profile.matched = material_curve(shape, harmonics, factors, position_px, found,
                                    radiometry.projector_black_frac);
   return profile;
 }

@@ -30,6 +30,8 @@ class HarmonicTransfer {
   void at(int row, int col, int band, double distance_mm, int period_px,
           std::span<float> out) const;
 
+  // The same contrast at every pixel and distance.
+  bool is_uniform() const { return depths_.size() <= 1 && maps_[0].empty(); }
   bool is_perfect() const { return depths_.empty() && maps_[0].empty(); }  // m_n = 1 everywhere
 
  private:

@@ -42,7 +42,15 @@ struct Estimate {
   std::vector<ProfilePoint> profiles;
 };
 
-Estimate estimate(const Scene& scene, const EstimatorOptions& options = {},
+// The scenes' truth is the dipole.
+EstimatorOptions with_dipole(const std::string& method = "likelihood") {
+  EstimatorOptions options;
+  options.model = "dipole";
+  options.method = method;
+  return options;
+}
+
+Estimate estimate(const Scene& scene, const EstimatorOptions& options = with_dipole(),
                   const std::filesystem::path& session = {}, bool is_shuffled = false) {
   auto estimator = Estimator::create(scene.manifest, session, options);
   EXPECT_TRUE(estimator) << estimator.error().text();
@@ -94,8 +102,10 @@ void for_each_image(const Maps& maps,
   const auto all = [&](const auto& images) {
     for (const auto& image : images) visit(std::as_bytes(image.samples()));
   };
-  for (const BandMaps* bands : {&maps.sigma_a_per_mm, &maps.sigma_s_prime_per_mm,
-                                &maps.translucency_mm, &maps.diffuse_reflectance, &maps.indirect})
+  for (const BandMaps* bands :
+       {&maps.sigma_a_per_mm, &maps.sigma_s_prime_per_mm, &maps.translucency_mm,
+        &maps.diffuse_reflectance, &maps.indirect, &maps.sigma_a_rel_sd, &maps.sigma_s_prime_rel_sd,
+        &maps.translucency_rel_sd, &maps.diffuse_reflectance_rel_sd, &maps.indirect_sd})
     all(*bands);
   all(maps.position_mm);
   all(maps.normal);
@@ -120,13 +130,17 @@ bool any_contains(const std::vector<std::string>& notes, const std::string& word
 
 TEST(Estimator, RecoversMonoWithoutIndirectLight) {
   const Scene scene = make_scene({});
-  const Estimate found = estimate(scene);
-  expect_recovered(scene, found.maps);
-  EXPECT_EQ(found.maps.band_count, 1);
-  EXPECT_TRUE(found.maps.translucency_mm[1].empty());
-  EXPECT_EQ(found.maps.method, "lut");
-  EXPECT_EQ(found.maps.scattering_model, "dipole");
-  EXPECT_TRUE(found.notes.empty()) << found.notes[0];
+  for (const std::string method : {"likelihood", "lut"}) {
+    SCOPED_TRACE(method);
+    const Estimate found = estimate(scene, with_dipole(method));
+    expect_recovered(scene, found.maps);
+    EXPECT_EQ(found.maps.band_count, 1);
+    EXPECT_TRUE(found.maps.translucency_mm[1].empty());
+    EXPECT_EQ(found.maps.method, method);
+    EXPECT_EQ(found.maps.scattering_model, "dipole");
+    EXPECT_EQ(found.maps.translucency_rel_sd[0].empty(), method == "lut");
+  }
+  EXPECT_TRUE(estimate(scene, with_dipole("lut")).notes.empty());
 }
 
 TEST(Estimator, RecoversEachBayerOrderAndRgb) {
@@ -194,7 +208,9 @@ TEST(Estimator, ProjectorBlackIsTakenOffWithoutABlackPattern) {
   // The test can fail: unaware of it, the estimate is off.
   Scene unaware = scene;
   unaware.manifest.calibration.projector_black_dn_per_us.clear();
-  EXPECT_GT(error_frac(estimate(unaware).maps.translucency_mm[0], scene.l_d_mm[0]), 0.02);
+  EXPECT_GT(
+      error_frac(estimate(unaware, with_dipole("lut")).maps.translucency_mm[0], scene.l_d_mm[0]),
+      0.02);
 }
 
 TEST(Estimator, OpticsTransferInEveryForm) {
@@ -219,7 +235,7 @@ TEST(Estimator, OpticsTransferInEveryForm) {
                                      StripeTransfer(TransferFile{"transfer.exr"})}) {
     SCOPED_TRACE(form.index());
     scene.manifest.calibration.stripe_transfer = form;
-    expect_recovered(scene, estimate(scene, {}, folder.path()).maps);
+    expect_recovered(scene, estimate(scene, with_dipole(), folder.path()).maps);
   }
 }
 
@@ -243,7 +259,7 @@ TEST(Estimator, FlatFieldVignettingAndDarkFramesAreReadFromTheSession) {
   ASSERT_TRUE(write_exr(folder.path() / "vignetting.exr", {{"Y", vignetting.view()}}, {}));
   scene.manifest.camera.flat_field_file = "flat.exr";
   scene.manifest.calibration.irradiance->vignetting_file = "vignetting.exr";
-  expect_recovered(scene, estimate(scene, {}, folder.path()).maps);
+  expect_recovered(scene, estimate(scene, with_dipole(), folder.path()).maps);
 
   scene.manifest.camera.flat_field_file = "vignetting.exr";  // wrong size
   const auto wrong = Estimator::create(scene.manifest, folder.path(), {});
@@ -251,12 +267,25 @@ TEST(Estimator, FlatFieldVignettingAndDarkFramesAreReadFromTheSession) {
   EXPECT_NE(wrong.error().text().find("/camera/flat_field"), std::string::npos);
 }
 
-TEST(Estimator, BackgroundAndSaturationAreNamedAndHoldNothing) {
+// The stripes' middles clip: the likelihood does with the other samples.
+SceneOptions clipping_scene() {
   SceneOptions options;
   options.background_cols = 10;
   options.gain_dn_per_us = 8;
-  options.exposures_us = {40000};  // the stripes' middles clip
-  const Estimate found = estimate(make_scene(options));
+  options.exposures_us = {40000};
+  return options;
+}
+
+TEST(Estimator, LikelihoodDoesWithoutTheSaturatedSamples) {
+  const Scene scene = make_scene(clipping_scene());
+  const Maps maps = estimate(scene).maps;
+  EXPECT_EQ(maps.validity[0].at(16, 25) & kValidityErrors, 0U);
+  EXPECT_NEAR(maps.translucency_mm[0].at(16, 25), scene.l_d_mm[0], 0.02 * scene.l_d_mm[0]);
+  EXPECT_EQ(maps.validity[0].at(16, 3) & kValidityErrors, kBackground);
+}
+
+TEST(Estimator, BackgroundAndSaturationAreNamedAndHoldNothing) {
+  const Estimate found = estimate(make_scene(clipping_scene()), with_dipole("lut"));
   const Maps& maps = found.maps;
   ASSERT_FALSE(maps.translucency_mm[0].empty());
   EXPECT_EQ(maps.validity[0].at(16, 3) & kValidityErrors, kBackground);
@@ -351,7 +380,7 @@ TEST(Estimator, OrderOfArrivalAndThreadsDoNotChangeABit) {
   options.exposures_us = {10000, 40000, 10000};
   options.indirect = 0.02;
   const Scene scene = make_scene(options);
-  EstimatorOptions one_thread, four_threads;
+  EstimatorOptions one_thread = with_dipole(), four_threads = with_dipole();
   one_thread.thread_count = 1;
   four_threads.thread_count = 4;
   const Estimate expected = estimate(scene, one_thread);
@@ -456,7 +485,10 @@ TEST(Estimator, MatchedCurveHoldsProjectorBlackAndOptics) {
 TEST(Estimator, MatchedCurveHoldsIndirectLight) {
   SceneOptions options;
   options.indirect = 0.03;
-  const Estimate found = estimate(make_scene(options));
+  const Scene scene = make_scene(options);
+  for (const ProfilePoint& point : estimate(scene).profiles)
+    EXPECT_LT(misfit_frac(point.bands[0]).greatest, 0.001);
+  const Estimate found = estimate(scene, with_dipole("lut"));
   ASSERT_EQ(found.profiles.size(), 4U);
   for (const ProfilePoint& point : found.profiles) {
     // The paper's method finds 40% of this much, so the curve is a little off; but what it finds is
@@ -521,7 +553,7 @@ TEST(Estimator, PatternsWithMissingFramesUseTheOthersAndSaySo) {
   SceneOptions options;
   options.exposures_us = {10000, 20000};
   const Scene scene = make_scene(options);
-  auto estimator = Estimator::create(scene.manifest, {}, {});
+  auto estimator = Estimator::create(scene.manifest, {}, with_dipole());
   ASSERT_TRUE(estimator);
   for (std::size_t i = 0; i < scene.frames.size(); ++i) {
     if (i == 7 || i == 10 || i == 11) continue;  // a long exposure, and all of shift 5
@@ -555,10 +587,25 @@ TEST(EstimatorOptions, EveryBadFieldIsReported) {
   EXPECT_TRUE(options.validate());
   options.method = "guess";
   options.model = "tripole";
+  options.indirect = "perhaps";
+  options.sweep_errors = "never";
+  options.harmonic_count = 65;
   options.thread_count = -1;
   const auto invalid = options.validate();
   ASSERT_FALSE(invalid);
-  for (const char* word : {"guess", "tripole", "-1"})
+  for (const char* word : {"guess", "tripole", "perhaps", "never", "65", "-1"})
+    EXPECT_NE(invalid.error().text().find(word), std::string::npos) << word;
+}
+
+TEST(EstimatorOptions, TheTableSearchHasNoneOfTheLikelihoodsChoices) {
+  EstimatorOptions options = with_dipole("lut");
+  EXPECT_TRUE(options.validate());
+  options.indirect = "zero";
+  options.harmonic_count = 6;
+  options.sweep_errors = "off";
+  const auto invalid = options.validate();
+  ASSERT_FALSE(invalid);
+  for (const char* word : {"indirect", "harmonic_count", "sweep_errors"})
     EXPECT_NE(invalid.error().text().find(word), std::string::npos) << word;
 }
 

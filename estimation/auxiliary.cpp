@@ -1,0 +1,97 @@
+#include "estimation/auxiliary.h"
+
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "estimation/session/frame_io.h"
+#include "estimation/session/maps.h"
+
+namespace estimation {
+
+namespace {
+
+Result<std::map<std::string, Image<float>>> read_channels(const std::filesystem::path& session,
+                                                          const std::string& name,
+                                                          const std::string& place) {
+  const auto path = resolve_in_session(session, name, place);
+  if (!path) return tl::unexpected(path.error());
+  auto channels = read_exr(*path);
+  if (!channels) return tl::unexpected(named_by(place, channels.error()));
+  return channels;
+}
+
+// A single-channel EXR of a required size; an empty image if no file is named.
+Result<Image<float>> read_single(const std::filesystem::path& session,
+                                 const std::optional<std::string>& name, const std::string& place,
+                                 int height_px, int width_px) {
+  if (!name) return Image<float>();
+  auto channels = read_channels(session, *name, place);
+  if (!channels) return tl::unexpected(channels.error());
+  const auto wrong = [&](const std::string& expectation) {
+    return tl::unexpected(
+        InputError{InputFault::kInvalid, (session / *name).string(), place, expectation});
+  };
+  if (channels->size() != 1)
+    return wrong("has " + std::to_string(channels->size()) + " channels; expected one");
+  Image<float>& image = channels->begin()->second;
+  if (image.height_px() != height_px || image.width_px() != width_px)
+    return wrong("is " + std::to_string(image.width_px()) + " x " +
+                 std::to_string(image.height_px()) + " px; expected " + std::to_string(width_px) +
+                 " x " + std::to_string(height_px));
+  return std::move(image);
+}
+
+Result<CameraBlack> read_black(const Manifest& manifest, const std::filesystem::path& session) {
+  if (manifest.camera.black_level_dn) return CameraBlack(*manifest.camera.black_level_dn);
+  if (manifest.camera.dark_frames.empty()) return CameraBlack(0.0);  // geometry needs no black
+  std::vector<CameraBlack::Dark> darks;
+  for (const DarkFrame& dark : manifest.camera.dark_frames) {
+    auto frame = read_frame(session, manifest, dark.file);
+    if (!frame)
+      return tl::unexpected(
+          named_by("/camera/dark_frames/" + std::to_string(darks.size()) + "/file", frame.error()));
+    darks.push_back({dark.exposure_us, std::move(*frame)});
+  }
+  return CameraBlack(std::move(darks));
+}
+
+}  // namespace
+
+InputError named_by(const std::string& key, InputError error) {
+  error.place = error.place.empty() ? key : key + ", " + error.place;
+  return error;
+}
+
+Result<Auxiliary> read_auxiliary(const Manifest& manifest, const std::filesystem::path& session) {
+  const CameraInfo& camera = manifest.camera;
+  const Calibration& calibration = manifest.calibration;
+  auto black = read_black(manifest, session);
+  if (!black) return tl::unexpected(black.error());
+  auto flat_field = read_single(session, camera.flat_field_file, "/camera/flat_field",
+                                camera.height_px, camera.width_px);
+  if (!flat_field) return tl::unexpected(flat_field.error());
+  auto vignetting = read_single(
+      session, calibration.irradiance ? calibration.irradiance->vignetting_file : std::nullopt,
+      "/calibration/irradiance/vignetting", manifest.projector.height_px,
+      manifest.projector.width_px);
+  if (!vignetting) return tl::unexpected(vignetting.error());
+  std::map<std::string, Image<float>> transfer_maps;
+  if (calibration.stripe_transfer)
+    if (const auto* file = std::get_if<TransferFile>(&*calibration.stripe_transfer)) {
+      auto channels = read_channels(session, file->file, "/calibration/stripe_transfer");
+      if (!channels) return tl::unexpected(channels.error());
+      transfer_maps = std::move(*channels);
+    }
+  auto transfer = HarmonicTransfer::create(calibration.stripe_transfer, transfer_maps, camera);
+  if (!transfer) return tl::unexpected(transfer.error());
+  return Auxiliary{.black = std::move(*black),
+                   .flat_field = std::move(*flat_field),
+                   .vignetting = std::move(*vignetting),
+                   .transfer = std::move(*transfer)};
+}
+
+}  // namespace estimation

@@ -1,0 +1,384 @@
+#include "estimation/material_maps.h"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <iomanip>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <sstream>
+#include <utility>
+#include <variant>
+
+#include "estimation/geometry/light_directions.h"
+#include "estimation/profile/indirect_choice.h"
+#include "estimation/profile/likelihood_maps.h"
+#include "estimation/profile/likelihood_scene.h"
+#include "estimation/profile/profile_table.h"
+#include "estimation/profile/scene_fit.h"
+#include "estimation/profile/site_factors.h"
+#include "estimation/profile/sweep_errors.h"
+#include "estimation/radiometry/illumination.h"
+#include "estimation/stripe_signals.h"
+
+namespace estimation {
+namespace {
+
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+// Noise alone gives 1; calibrations of a real rig leave some. The dipole on Monte Carlo truth: 8.
+constexpr double kSuspectChiSquare = 2;
+
+std::string fixed(double value, int digits) {
+  std::ostringstream text;
+  text << std::fixed << std::setprecision(digits) << value;
+  return text.str();
+}
+
+std::string band_name(int band, int bands) {
+  return bands == 1 ? "Y" : std::string(1, "RGB"[band]);
+}
+
+double sample(const Image<float>& image, int row, int col) {
+  return static_cast<double>(image.empty() ? kNan : image.at(row, col));
+}
+
+class MaterialEstimate {
+ public:
+  MaterialEstimate(const MaterialInput& input, Maps& maps) : in_(input), maps_(maps) {}
+
+  MaterialResult run();
+
+ private:
+  const CameraInfo& camera() const { return in_.manifest.camera; }
+  int bands() const { return band_count(camera().pixel_format.filter); }
+
+  std::optional<StripeSet> placed_stripes() const;
+  const PatternRate* fully_lit() const;
+  BandRadiometry radiometry_of(int band) const;
+  void set_geometry(Axis axis);
+  void reflectance_only(const PatternRate* white);
+  void fit_by_table(const StripeScene& scene);
+  void fit_by_likelihood(const StripeScene& scene);
+  SweepCorrection sweep_correction(const StripeScene& scene, std::span<const BandLikelihood> bands);
+  void note_choices(std::size_t valid_count, std::size_t fixed_count);
+  void note_misfit(const std::vector<MisfitSummary>& bands_misfit);
+  void store_band(int band, BandFit fit);
+  std::vector<ProfilePoint> profiles_of(const StripeScene& scene) const;
+
+  const MaterialInput& in_;
+  Maps& maps_;
+  MaterialResult result_;
+  // Of the place the stripes ran over.
+  Axis axis_ = Axis::kColumn;
+  Image<float> gain_;
+  Image<std::uint32_t> validity_;
+  LightAzimuths azimuths_;
+  SceneGeometry geometry_;
+  std::array<Image<float>, 3> phase_px_;  // [band] of the likelihood fits
+  double blur_px2_ = 0;
+};
+
+const Image<float>& pitch_along(const Surface& surface, Axis axis) {
+  return axis == Axis::kColumn ? surface.column_pitch_mm : surface.row_pitch_mm;
+}
+
+std::optional<StripeSet> MaterialEstimate::placed_stripes() const {
+  std::vector<const PatternKind*> kinds;
+  for (const PatternRate& pattern : in_.signals.patterns) {
+    // Without correspondence along an axis its stripes have no known phase.
+    const auto* stripes = std::get_if<Stripes>(&pattern.pattern->kind);
+    static const PatternKind kNone = Black{};
+    const bool is_usable =
+        stripes == nullptr ||
+        !(stripes->axis == Axis::kColumn ? in_.correspondence.column_px : in_.correspondence.row_px)
+             .empty();
+    kinds.push_back(is_usable ? &pattern.pattern->kind : &kNone);
+  }
+  return choose_stripe_set(kinds);
+}
+
+const PatternRate* MaterialEstimate::fully_lit() const {
+  for (const PatternRate& pattern : in_.signals.patterns)
+    if (std::holds_alternative<White>(pattern.pattern->kind)) return &pattern;
+  return nullptr;
+}
+
+BandRadiometry MaterialEstimate::radiometry_of(int band) const {
+  const auto of_band = [&](const std::vector<double>& values) {
+    return values[std::min(static_cast<std::size_t>(band), values.size() - 1)];
+  };
+  const Calibration& calibration = in_.manifest.calibration;
+  const double signal_per_us = of_band(calibration.irradiance->signal_per_us);
+  const std::vector<double>& black = calibration.projector_black_dn_per_us;
+  // A black pattern's frames hold the projector's black already.
+  const bool is_left_in = !in_.signals.is_black_subtracted && !black.empty();
+  return {.band = band,
+          .signal_per_us = signal_per_us,
+          .projector_black_frac = is_left_in ? of_band(black) / signal_per_us : 0,
+          .noise = in_.noise};
+}
+
+void MaterialEstimate::set_geometry(Axis axis) {
+  axis_ = axis;
+  gain_ = Image<float>(camera().height_px, camera().width_px, 1, kNan);
+  validity_ = in_.surface.validity;
+  const Correspondence& found = in_.correspondence;
+  const Surface& surface = in_.surface;
+  const Illumination light{
+      .vignetting = in_.vignetting.view(),
+      .reference_distance_mm = in_.manifest.calibration.irradiance->reference_distance_mm};
+  const Image<float>& position_px = axis == Axis::kColumn ? found.column_px : found.row_px;
+  const Image<float>& pitch_mm = pitch_along(surface, axis);
+  tbb::parallel_for(0, camera().height_px, [&](int row) {
+    for (int col = 0; col < camera().width_px; ++col) {
+      const double gain = light.at(
+          sample(found.column_px, row, col), sample(found.row_px, row, col),
+          sample(surface.cos_projector, row, col), sample(surface.projector_distance_mm, row, col));
+      gain_.at(row, col) = static_cast<float>(gain);
+      std::uint32_t& validity = validity_.at(row, col);
+      const bool is_placed = gain > 0 && std::isfinite(sample(position_px, row, col)) &&
+                             std::isfinite(sample(pitch_mm, row, col));
+      if (!is_placed && (validity & kValidityErrors) == 0) validity |= kNoCorrespondence;
+    }
+  });
+  geometry_ = {.position_px = position_px.view(),
+               .gain = gain_.view(),
+               .projector_distance_mm = surface.projector_distance_mm.view(),
+               .validity = validity_.view()};
+  if (in_.options.method == "lut" || !directionality_of(in_.model).has_factors) return;
+  azimuths_ = light_azimuths(in_.manifest.calibration, camera(), surface, axis);
+  geometry_.directions = {.cos_incidence = surface.cos_projector.view(),
+                          .cos_exit = surface.cos_camera.view(),
+                          .incidence_azimuth_rad = azimuths_.incidence_rad.view(),
+                          .exit_azimuth_rad = azimuths_.exit_rad.view()};
+}
+
+// Every image of a sweep is a sample of its own, also where a shift was seen twice.
+StripeSet each_seen(const StripeSet& stripes) {
+  StripeSet all{.axis = stripes.axis, .shape = stripes.shape};
+  for (std::size_t i = 0; i < stripes.shifts_px.size(); ++i)
+    for (const std::size_t source : stripes.sources[i]) {
+      all.shifts_px.push_back(stripes.shifts_px[i]);
+      all.sources.push_back({source});
+    }
+  return all;
+}
+
+// When a pattern was seen: by the camera's clock where it stamped all frames, else its place among
+// the manifest's patterns.
+std::vector<double> capture_times(const Manifest& manifest, const SignalStore::Signals& signals) {
+  std::map<int, std::vector<double>> stamps_ns;
+  bool is_stamped = true;
+  for (const FrameRecord& frame : manifest.frames) {
+    is_stamped = is_stamped && frame.camera_timestamp_ns.has_value();
+    stamps_ns[frame.pattern].push_back(
+        static_cast<double>(frame.camera_timestamp_ns.value_or(0) -
+                            manifest.frames.front().camera_timestamp_ns.value_or(0)));
+  }
+  std::vector<double> times;
+  for (const PatternRate& pattern : signals.patterns) {
+    const std::vector<double>& own = stamps_ns[pattern.pattern->index];
+    const double sum = std::accumulate(own.begin(), own.end(), 0.0);
+    times.push_back(is_stamped ? sum / static_cast<double>(own.size())
+                               : static_cast<double>(pattern.pattern - manifest.patterns.data()));
+  }
+  return times;
+}
+
+// [shift] -0.5 to 0.5 from the first pattern of the sweep to the last.
+std::vector<double> capture_order(const Manifest& manifest, const StripeSet& stripes,
+                                  const SignalStore::Signals& signals) {
+  const std::vector<double> times = capture_times(manifest, signals);
+  std::vector<double> order;
+  for (const auto& sources : stripes.sources) order.push_back(times[sources.front()]);
+  const auto [first, last] = std::minmax_element(order.begin(), order.end());
+  const double begin = *first, duration = *last - *first;
+  for (double& when : order) when = duration > 0 ? (when - begin) / duration - 0.5 : 0;
+  return order;
+}
+
+MaterialResult MaterialEstimate::run() {
+  const std::optional<StripeSet> placed = placed_stripes();
+  const PatternRate* white = fully_lit();
+  if (!placed) {
+    result_.notes.push_back(
+        "no stripes with enough shifts along a decoded axis: sigma_a, sigma_s_prime, translucency "
+        "and indirect were not computed");
+    reflectance_only(white);
+    return std::move(result_);
+  }
+  set_geometry(placed->axis);
+  const bool is_lut = in_.options.method == "lut";
+  const StripeSet stripes = is_lut ? *placed : each_seen(*placed);
+  const StripeSignals signals = signals_of(stripes, in_.signals.patterns);
+  const StripeScene scene{.camera = camera(),
+                          .stripes = stripes,
+                          .signals = signals.views,
+                          .geometry = geometry_,
+                          .transfer = in_.transfer,
+                          .model = in_.model};
+  if (is_lut)
+    fit_by_table(scene);
+  else
+    fit_by_likelihood(scene);
+  result_.profiles = profiles_of(scene);
+  return std::move(result_);
+}
+
+void MaterialEstimate::reflectance_only(const PatternRate* white) {
+  if (white == nullptr) {
+    result_.notes.push_back("no white pattern either: diffuse_reflectance was not computed");
+    return;
+  }
+  result_.notes.push_back(
+      "diffuse_reflectance is from the white pattern and contains indirect light");
+  set_geometry(in_.correspondence.column_px.empty() ? Axis::kRow : Axis::kColumn);
+  for (int band = 0; band < bands(); ++band)
+    store_band(band,
+               reflectance_of_band(camera(), radiometry_of(band), white->rate.view(), geometry_));
+}
+
+void MaterialEstimate::fit_by_table(const StripeScene& scene) {
+  const ProfileTable wide(in_.model, scene.stripes.shape, TableRange{});
+  for (int band = 0; band < bands(); ++band)
+    store_band(band, fit_band(camera(), radiometry_of(band), scene.stripes, scene.signals,
+                              geometry_, in_.transfer, in_.model, wide));
+}
+
+void MaterialEstimate::fit_by_likelihood(const StripeScene& scene) {
+  const EstimatorOptions& options = in_.options;
+  const IndirectLight indirect =
+      options.indirect == "zero" ? IndirectLight::kZero : IndirectLight::kFree;
+  std::vector<BandRadiometry> radiometry;
+  for (int band = 0; band < bands(); ++band) radiometry.push_back(radiometry_of(band));
+  const auto likelihoods = [&](const SweepCorrection& correction) {
+    std::vector<BandLikelihood> made;
+    made.reserve(radiometry.size());
+    for (const BandRadiometry& band : radiometry)
+      made.emplace_back(scene, band, options.harmonic_count, indirect, correction);
+    return made;
+  };
+  std::vector<BandLikelihood> likelihood = likelihoods({});
+  const SweepCorrection correction = sweep_correction(scene, likelihood);
+  blur_px2_ = correction.blur_px2;
+  if (blur_px2_ != 0 || !correction.offset_px.empty()) likelihood = likelihoods(correction);
+  std::size_t valid_count = 0, fixed_count = 0;
+  std::vector<MisfitSummary> misfits;
+  for (const BandLikelihood& fitter : likelihood) {
+    const int band = fitter.radiometry().band;
+    SiteFits fits = fitter.fit(valid_sites(camera(), band, geometry_.validity), correction);
+    if (options.indirect == "auto") fixed_count += fix_indirect_where_earned(camera(), fits);
+    BandFit maps =
+        maps_of(scene, fitter.radiometry(), fits, {.is_noise_measured = in_.is_noise_measured});
+    misfits.push_back(misfit_of(fits, maps));
+    valid_count += misfits.back().valid_count;
+    store_band(band, std::move(maps));
+  }
+  note_choices(valid_count, fixed_count);
+  note_misfit(misfits);
+}
+
+SweepCorrection MaterialEstimate::sweep_correction(const StripeScene& scene,
+                                                   std::span<const BandLikelihood> bands) {
+  if (in_.options.sweep_errors == "off") return {};
+  const std::vector<double> order = capture_order(in_.manifest, scene.stripes, in_.signals);
+  const std::optional<SweepErrors> errors = estimate_sweep_errors(scene, bands, order);
+  if (!errors) return {};
+  const EarnedCorrection earned = earned_correction(*errors);
+  const bool is_corrected = in_.options.sweep_errors == "auto" && earned.any();
+  result_.notes.push_back(describe(*errors, earned, is_corrected));
+  return is_corrected ? correction_of(*errors, earned, order) : SweepCorrection{};
+}
+
+void MaterialEstimate::note_choices(std::size_t valid_count, std::size_t fixed_count) {
+  if (in_.options.indirect == "zero")
+    result_.notes.push_back("indirect light was taken as zero everywhere, as asked");
+  if (in_.options.indirect == "auto" && valid_count > 0)
+    result_.notes.push_back(
+        "indirect light was fixed at zero in " +
+        fixed(100.0 * static_cast<double>(fixed_count) / static_cast<double>(valid_count), 1) +
+        "% of the fits, where the neighbourhood shows none; it was fitted in the others");
+  if (!in_.is_noise_measured)
+    result_.notes.push_back(
+        "the session has no camera.gain_e_per_dn and read_noise_e: noise was estimated from the "
+        "data, and the uncertainties with it");
+}
+
+void MaterialEstimate::note_misfit(const std::vector<MisfitSummary>& bands_misfit) {
+  for (std::size_t band = 0; band < bands_misfit.size(); ++band) {
+    const MisfitSummary& misfit = bands_misfit[band];
+    if (misfit.median_reduced_chi_square < kSuspectChiSquare || !in_.is_noise_measured) continue;
+    result_.notes.push_back(
+        "band " + band_name(static_cast<int>(band), bands()) +
+        ": the data do not look like the model " + in_.model.name() +
+        ": the median reduced chi-square is " + fixed(misfit.median_reduced_chi_square, 1) +
+        " where noise alone gives 1; the model, its anisotropy, or the calibration is not this "
+        "subject's");
+  }
+}
+
+void MaterialEstimate::store_band(int band, BandFit fit) {
+  const auto b = static_cast<std::size_t>(band);
+  maps_.validity[b] = std::move(fit.validity);
+  maps_.diffuse_reflectance[b] = std::move(fit.diffuse_reflectance);
+  if (fit.translucency_px.empty()) return;
+  maps_.indirect[b] = std::move(fit.indirect);
+  maps_.translucency_mm[b] = std::move(fit.translucency_px);
+  maps_.diffuse_reflectance_rel_sd[b] = std::move(fit.diffuse_reflectance_rel_sd);
+  maps_.translucency_rel_sd[b] = std::move(fit.translucency_rel_sd);
+  maps_.sigma_a_rel_sd[b] = std::move(fit.sigma_a_rel_sd);
+  maps_.sigma_s_prime_rel_sd[b] = std::move(fit.sigma_s_prime_rel_sd);
+  maps_.indirect_sd[b] = std::move(fit.indirect_sd);
+  phase_px_[b] = std::move(fit.phase_px);
+  const Image<float> blank(camera().height_px, camera().width_px, 1, kNan);
+  maps_.sigma_a_per_mm[b] = blank;
+  maps_.sigma_s_prime_per_mm[b] = blank;
+  const Image<float>& pitch_mm = pitch_along(in_.surface, axis_);
+  tbb::parallel_for(0, camera().height_px, [&](int row) {
+    for (int col = 0; col < camera().width_px; ++col) {
+      float& translucency = maps_.translucency_mm[b].at(row, col);
+      translucency *= pitch_mm.at(row, col);
+      if (!std::isfinite(translucency)) continue;
+      const Coefficients medium =
+          in_.model.coefficients(static_cast<double>(maps_.diffuse_reflectance[b].at(row, col)),
+                                 static_cast<double>(translucency));
+      maps_.sigma_a_per_mm[b].at(row, col) = static_cast<float>(medium.sigma_a_per_mm);
+      maps_.sigma_s_prime_per_mm[b].at(row, col) = static_cast<float>(medium.sigma_s_prime_per_mm);
+    }
+  });
+}
+
+std::vector<ProfilePoint> MaterialEstimate::profiles_of(const StripeScene& scene) const {
+  const Image<float>& pitch_mm = pitch_along(in_.surface, axis_);
+  std::vector<ProfilePoint> points = choose_profile_points(camera(), maps_.validity);
+  for (ProfilePoint& point : points) {
+    point.period_px = scene.stripes.shape.period_px;
+    for (int band = 0; band < bands(); ++band) {
+      const auto b = static_cast<std::size_t>(band);
+      ProfileBand& profile = point.bands[b];
+      const auto at_site = [&profile](const Image<float>& map) {
+        return map.empty() ? 0 : static_cast<double>(map.at(profile.row, profile.col));
+      };
+      const double translucency_mm = at_site(maps_.translucency_mm[b]);
+      const SiteMaterial found{.row = profile.row,
+                               .col = profile.col,
+                               .diffuse_reflectance = at_site(maps_.diffuse_reflectance[b]),
+                               .translucency_px = translucency_mm / at_site(pitch_mm),
+                               .indirect = at_site(maps_.indirect[b]),
+                               .phase_px = at_site(phase_px_[b])};
+      profile = profile_of_site(scene, radiometry_of(band), found, blur_px2_);
+      profile.translucency_mm = translucency_mm;
+    }
+  }
+  return points;
+}
+
+}  // namespace
+
+MaterialResult estimate_material(const MaterialInput& input, Maps& maps) {
+  return MaterialEstimate(input, maps).run();
+}
+
+}  // namespace estimation
