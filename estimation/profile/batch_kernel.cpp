@@ -363,9 +363,9 @@ HWY_INLINE void finish(const BatchPlan& plan, const Pixels& pixels, const Sums& 
   c[0] = x.tt;
   c[1] = x.tl;
   c[2] = x.ll;
-  c[3] = c[4] = c[5] = c[7] = zero;
+  c[3] = c[4] = c[5] = c[8] = zero;
   c[6] = x.tp;
-  c[8] = x.lp;
+  c[7] = x.lp;
   c[9] = x.pp;
   V trace = hn::MulAdd(s.ll, x.ll, hn::Mul(s.pp, x.pp));
   const V mean_slope = hn::Mul(pixels.level, slope);
@@ -384,7 +384,7 @@ HWY_INLINE void finish(const BatchPlan& plan, const Pixels& pixels, const Sums& 
     const V mean_mean = hn::Add(hn::Div(hn::Set(d, 1.0F), s.w), with_mean(mean_t, mean_l, mean_p));
     c[3] = hn::MulSub(mean_t, per_level, hn::Mul(slope, x.tt));
     c[4] = hn::MulSub(mean_l, per_level, hn::Mul(slope, x.tl));
-    c[7] = hn::MulSub(mean_p, per_level, hn::Mul(slope, x.tp));
+    c[8] = hn::MulSub(mean_p, per_level, hn::Mul(slope, x.tp));
     const V twice = hn::Mul(hn::Add(per_level, per_level), mean_t);
     c[5] = hn::MulAdd(hn::Mul(per_level, per_level), mean_mean,
                       hn::Mul(slope, hn::MulSub(slope, x.tt, twice)));
