@@ -12,6 +12,7 @@ using Command = std::function<ExitCode()>;
 
 // Each calls `select` with what to run when its subcommand is on the command line.
 using Select = std::function<void(Command)>;
+void add_calibrate_command(CLI::App& program, const Select& select);
 void add_capture_command(CLI::App& program, const Select& select);
 void add_estimate_command(CLI::App& program, const Select& select);
 void add_serve_command(CLI::App& program, const Select& select);

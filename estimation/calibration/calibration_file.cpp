@@ -103,10 +103,17 @@ Result<std::string> format_calibration(std::string_view before, const Calibratio
   return document.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
-Result<fs::path> write_calibration(const fs::path& path, const std::string& text) {
+Result<void> save_text(const fs::path& path, const std::string& text) {
   std::error_code error;
   if (path.has_parent_path()) fs::create_directories(path.parent_path(), error);
   if (error) return unwritable(path, "its folder cannot be made: " + error.message());
+  std::vector<std::byte> bytes(text.size());
+  std::memcpy(bytes.data(), text.data(), text.size());
+  return write_file_atomically(path, bytes);
+}
+
+Result<fs::path> write_calibration(const fs::path& path, const std::string& text) {
+  std::error_code error;
   fs::path kept;
   if (fs::exists(path, error)) {
     kept = dated_name(path);
@@ -114,10 +121,7 @@ Result<fs::path> write_calibration(const fs::path& path, const std::string& text
     fs::copy_file(path, kept, fs::copy_options::none, error);
     if (error) return unwritable(kept, "the older calibration cannot be kept: " + error.message());
   }
-  std::vector<std::byte> bytes(text.size());
-  std::memcpy(bytes.data(), text.data(), text.size());
-  if (const auto written = write_file_atomically(path, bytes); !written)
-    return tl::unexpected(written.error());
+  if (const auto saved = save_text(path, text); !saved) return tl::unexpected(saved.error());
   return kept;
 }
 

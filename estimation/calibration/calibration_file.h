@@ -31,6 +31,9 @@ Result<std::string> format_calibration(std::string_view before, const Calibratio
 Result<std::filesystem::path> write_calibration(const std::filesystem::path& path,
                                                 const std::string& text);
 
+// A text beside it, whole or not at all; its folder is made if absent.
+Result<void> save_text(const std::filesystem::path& path, const std::string& text);
+
 // What the file holds beside the format's keys, as Manifest::other_keys wants it, so that sessions
 // carry it along; empty if there is nothing or the text is no JSON object.
 std::string extra_calibration_keys(std::string_view text);

@@ -1,5 +1,5 @@
 // A small plotting kit on OpenCV's drawing: canvases, text, nice ticks, colour bars, axes. Private
-// to this folder: the pictures it makes leave as PNG bytes.
+// to this folder and to calibration's charts: the pictures it makes leave as PNG bytes.
 #pragma once
 
 #include <opencv2/core.hpp>

@@ -1,0 +1,177 @@
+#include "capture/calibrate/sensor_series.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "capture/calibrate/session_signals.h"
+#include "estimation/session/frame_io.h"
+
+namespace capture {
+
+using estimation::InputError;
+using estimation::InputFault;
+using estimation::LightPair;
+using estimation::Manifest;
+using estimation::Result;
+using estimation::SensorFit;
+
+namespace {
+
+// A pixel is of the lit field above this share of the range.
+constexpr double kLitFrac = 0.05;
+
+// What an even pattern asks of the projector; none for patterns that vary.
+std::optional<double> even_drive(const estimation::PatternKind& kind,
+                                 const estimation::ProjectorInfo& projector) {
+  if (std::holds_alternative<estimation::White>(kind)) return 1.0;
+  if (std::holds_alternative<estimation::Black>(kind)) return 0.0;
+  const auto* fringe = std::get_if<estimation::Fringe>(&kind);
+  if (!fringe) return std::nullopt;
+  const double first = brightness(kind, 0, 0);
+  const double last = brightness(kind, projector.height_px - 1, projector.width_px - 1);
+  const bool is_wide = fringe->period_px > 4 * std::max(projector.width_px, projector.height_px);
+  constexpr double kEvenFrac = 0.004;  // one of 256 levels
+  if (!is_wide || std::abs(last - first) > kEvenFrac) return std::nullopt;
+  return (first + last) / 2;
+}
+
+struct Difference {
+  double mean_dn = 0;      // of both frames, black removed
+  double change_dn = 0;    // of the mean
+  double scatter_dn = 0;   // of one frame's pixel, rms beyond the change
+  double expected_dn = 0;  // of that
+};
+
+// Over `field` alone: pixels that white lights.
+Difference compare(const estimation::Image<std::uint16_t>& a,
+                   const estimation::Image<std::uint16_t>& b, const std::vector<char>& field,
+                   double black_dn, const SensorFit& sensor) {
+  double sum_a = 0, sum_b = 0, count = 0;
+  const auto sa = a.samples(), sb = b.samples();
+  for (std::size_t i = 0; i < field.size(); ++i) {
+    if (!field[i]) continue;
+    sum_a += sa[i] - black_dn;
+    sum_b += sb[i] - black_dn;
+    ++count;
+  }
+  Difference d;
+  if (count == 0) return d;
+  d.mean_dn = (sum_a + sum_b) / (2 * count);
+  d.change_dn = (sum_b - sum_a) / count;
+  const double ratio = sum_b > 0 && sum_a > 0 ? sum_a / sum_b : 1;
+  double squares = 0;
+  for (std::size_t i = 0; i < field.size(); ++i) {
+    if (!field[i]) continue;
+    const double difference = (sa[i] - black_dn) - ratio * (sb[i] - black_dn);
+    squares += difference * difference / 2;
+  }
+  d.scatter_dn = std::sqrt(squares / count);
+  const double read_dn = sensor.read_noise_e.value / sensor.gain_e_per_dn.value;
+  d.expected_dn = std::sqrt(std::max(d.mean_dn, 0.0) / sensor.gain_e_per_dn.value +
+                            read_dn * read_dn + 1.0 / 12);
+  return d;
+}
+
+}  // namespace
+
+Result<void> SensorSeries::read(const std::filesystem::path& session, const Manifest& manifest,
+                                const std::string& file, double exposure_us,
+                                std::optional<double> drive_frac) {
+  auto frame = estimation::read_frame(session, manifest, file);
+  if (!frame) return tl::unexpected(frame.error());
+  const bool is_other =
+      !frames_.empty() && (frames_.front().dn.width_px() != frame->width_px() ||
+                           frames_.front().dn.height_px() != frame->height_px() ||
+                           frames_.front().dn.channel_count() != frame->channel_count());
+  if (is_other)
+    return tl::unexpected(InputError{InputFault::kInvalid, session.string(), file,
+                                     "its size is not that of the sessions before"});
+  frames_.push_back({exposure_us, drive_frac, std::move(*frame)});
+  return {};
+}
+
+Result<void> SensorSeries::add_dark(const std::filesystem::path& session) {
+  const auto manifest = estimation::read_manifest(session);
+  if (!manifest) return tl::unexpected(manifest.error());
+  for (const estimation::FrameRecord& record : manifest->frames)
+    if (const auto added = read(session, *manifest, record.file, record.exposure_us, std::nullopt);
+        !added)
+      return added;
+  return {};
+}
+
+Result<void> SensorSeries::add_lit(const std::filesystem::path& session) {
+  const auto manifest = estimation::read_manifest(session);
+  if (!manifest) return tl::unexpected(manifest.error());
+  camera_ = manifest->camera;
+  saturation_dn_ = saturation_of(*manifest);
+  for (const estimation::DarkFrame& dark : manifest->camera.dark_frames)
+    if (const auto added = read(session, *manifest, dark.file, dark.exposure_us, std::nullopt);
+        !added)
+      return added;
+  for (const estimation::FrameRecord& record : manifest->frames) {
+    const estimation::Pattern* pattern = manifest->find_pattern(record.pattern);
+    const auto drive_frac = pattern ? even_drive(pattern->kind, manifest->projector) : std::nullopt;
+    if (!drive_frac) continue;
+    if (const auto added = read(session, *manifest, record.file, record.exposure_us, drive_frac);
+        !added)
+      return added;
+  }
+  return {};
+}
+
+std::vector<estimation::SeriesFrame> SensorSeries::frames() const {
+  std::vector<estimation::SeriesFrame> frames;
+  for (const Frame& frame : frames_)
+    if (!frame.drive_frac || *frame.drive_frac == 1)
+      frames.push_back({frame.exposure_us, !frame.drive_frac, frame.dn.view()});
+  return frames;
+}
+
+std::vector<LightPair> SensorSeries::pairs(const SensorFit& sensor) const {
+  std::vector<LightPair> pairs;
+  const auto black_at = [&](double exposure_us) {
+    return sensor.black_level_dn.value + sensor.dark_signal_dn_per_us.value * exposure_us;
+  };
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
+    const Frame& first = frames_[i];
+    if (!first.drive_frac) continue;
+    const auto is_equal = [&](const Frame& other) {
+      return other.drive_frac == first.drive_frac && other.exposure_us == first.exposure_us;
+    };
+    const auto before =
+        std::count_if(frames_.begin(), frames_.begin() + static_cast<std::ptrdiff_t>(i), is_equal);
+    const auto second =
+        std::find_if(frames_.begin() + static_cast<std::ptrdiff_t>(i) + 1, frames_.end(), is_equal);
+    if (before % 2 != 0 || second == frames_.end()) continue;
+    const auto white = std::ranges::find_if(frames_, [&](const Frame& other) {
+      return other.drive_frac == 1 && other.exposure_us == first.exposure_us;
+    });
+    if (white == frames_.end()) continue;  // nothing tells where the light falls
+    const double black_dn = black_at(first.exposure_us);
+    const double range_dn = saturation_dn_ - black_dn;
+    std::vector<char> field;
+    double white_sum = 0, white_count = 0;
+    bool is_clipped = false;
+    for (const std::uint16_t dn : white->dn.samples()) {
+      const bool is_lit = dn - black_dn > kLitFrac * range_dn;
+      is_clipped = is_clipped || dn >= saturation_dn_;
+      field.push_back(is_lit ? 1 : 0);
+      white_sum += is_lit ? dn - black_dn : 0;
+      white_count += is_lit ? 1 : 0;
+    }
+    if (white_count == 0 || is_clipped) continue;
+    const Difference d = compare(first.dn, second->dn, field, black_dn, sensor);
+    const double scale_dn = std::max(d.mean_dn, 0.01 * white_sum / white_count);
+    pairs.push_back({.drive_frac = *first.drive_frac,
+                     .exposure_us = first.exposure_us,
+                     .rate_dn_per_us = d.mean_dn / first.exposure_us,
+                     .change_frac = d.change_dn / (white_sum / white_count),
+                     .scatter_frac = d.scatter_dn / scale_dn,
+                     .expected_frac = d.expected_dn / scale_dn});
+  }
+  return pairs;
+}
+
+}  // namespace capture
