@@ -401,7 +401,12 @@ HWY_INLINE void finish(const BatchPlan& plan, const Pixels& pixels, const Sums& 
 
   const float unknowns = 4;
   const V variance = hn::Set(d, kGreatestLogVariance);
-  const M is_sure = hn::Le(x.ll, hn::Mul(variance, hn::Set(d, 1 - kMargin)));
+  // A nearly singular matrix may have lost its sign to rounding.
+  const M is_positive = hn::Gt(hn::Min(hn::Min(c[0], c[2]), c[9]), zero);
+  const M is_possible =
+      plan.is_free ? hn::And(is_positive, hn::Gt(c[5], zero)) : is_positive;
+  const M is_sure =
+      hn::And(is_possible, hn::Le(x.ll, hn::Mul(variance, hn::Set(d, 1 - kMargin))));
   const M is_conditioned = hn::Le(trace, hn::Set(d, kGreatestCondition * (1 - kMargin) / unknowns));
   const M is_vague = hn::Gt(x.ll, hn::Mul(variance, hn::Set(d, 1 + kMargin)));
   const M is_singular = hn::Gt(trace, hn::Set(d, kGreatestCondition * (1 + kMargin) * unknowns));
