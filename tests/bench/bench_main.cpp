@@ -25,6 +25,7 @@ constexpr Section kSections[] = {
     {"pareto", "Run time against error", bench::show_run_time_against_error},
     {"budget", "Error budget", bench::show_error_budget},
     {"truth", "Monte Carlo truth", bench::show_monte_carlo_truth},
+    {"stability", "Numerical stability", bench::show_stability},
 };
 
 std::string processor() {

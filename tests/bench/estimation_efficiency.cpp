@@ -220,7 +220,7 @@ void show_efficiency(Bench& bench) {
           .append(digits(greatest_bound_difference(bench, dipole, table), 2))
           .append(" (relative)."));
   const auto ours = likelihood("likelihood", dipole, table, {});
-  const std::size_t count = bench.is_quick ? 500 : 4000, papers_count = bench.is_quick ? 50 : 200;
+  const std::size_t count = bench.is_quick ? 500 : 2000, papers_count = bench.is_quick ? 50 : 100;
   const std::size_t medium_step = bench.is_quick ? 5 : 1;
   std::vector<Case> cases;
   std::vector<Estimate> estimates;

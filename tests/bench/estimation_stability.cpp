@@ -1,0 +1,295 @@
+// Numerical stability: pixels at random over everything that could come in, the same bits for any
+// number of threads, and error against conditioning.
+#include <oneapi/tbb/combinable.h>
+#include <oneapi/tbb/global_control.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <chrono>
+#include <cmath>
+#include <opencv2/core.hpp>
+#include <optional>
+
+#include "estimation/session/maps.h"
+#include "tests/bench/estimation_bench.h"
+#include "tests/bench/figure.h"
+#include "tests/bench/methods.h"
+#include "tests/bench/stress_pixels.h"
+#include "tests/estimation/profile/likelihood_reference.h"
+
+namespace bench {
+namespace {
+
+using estimation::BatchFit;
+using estimation::covariance_index;
+using estimation::kUnknowns;
+namespace reference = estimation::testing;
+
+struct Tally {
+  std::uint64_t pixels = 0, valid = 0, not_finite = 0, negative_sigma = 0;
+  std::uint64_t saturated = 0, too_dark = 0, outside = 0, not_identifiable = 0, no_reason = 0;
+  std::uint64_t bits = 0;  // a sum over batches of what all numbers of a batch hash to
+
+  Tally operator+(const Tally& other) const {
+    return {.pixels = pixels + other.pixels,
+            .valid = valid + other.valid,
+            .not_finite = not_finite + other.not_finite,
+            .negative_sigma = negative_sigma + other.negative_sigma,
+            .saturated = saturated + other.saturated,
+            .too_dark = too_dark + other.too_dark,
+            .outside = outside + other.outside,
+            .not_identifiable = not_identifiable + other.not_identifiable,
+            .no_reason = no_reason + other.no_reason,
+            .bits = bits + other.bits};
+  }
+};
+
+// FNV-1a over words.
+std::uint64_t mixed(std::uint64_t hash, std::uint32_t word) {
+  return (hash ^ word) * 0x100000001b3U;
+}
+
+void count_pixel(const BatchFit& fit, std::size_t i, bool is_indirect_free, std::uint64_t& hash,
+                 Tally& tally) {
+  ++tally.pixels;
+  hash = mixed(hash, fit.validity[i]);
+  if (const std::uint32_t reason = fit.validity[i] & estimation::kValidityErrors) {
+    tally.saturated += (reason & estimation::kSaturated) != 0;
+    tally.too_dark += (reason & estimation::kTooDark) != 0;
+    tally.outside += (reason & estimation::kOutsideModel) != 0;
+    tally.not_identifiable += (reason & estimation::kNotIdentifiable) != 0;
+    return;
+  }
+  ++tally.valid;
+  bool is_finite = true;
+  for (const float value : {fit.logit_reflectance[i], fit.log_translucency_px[i], fit.indirect[i],
+                            fit.phase_px[i], fit.reduced_chi_square[i]}) {
+    is_finite = is_finite && std::isfinite(value);
+    hash = mixed(hash, std::bit_cast<std::uint32_t>(value));
+  }
+  for (std::size_t k = 0; k < kUnknowns * (kUnknowns + 1) / 2; ++k) {
+    const float value = fit.covariance[k * fit.stride + i];
+    is_finite = is_finite && std::isfinite(value);
+    hash = mixed(hash, std::bit_cast<std::uint32_t>(value));
+  }
+  tally.not_finite += !is_finite;
+  bool is_positive = true;
+  for (std::size_t unknown = 0; unknown < kUnknowns; ++unknown) {
+    const float variance = fit.covariance[covariance_index(unknown, unknown) * fit.stride + i];
+    is_positive = is_positive && (variance > 0 || (unknown == 2 && !is_indirect_free));
+  }
+  tally.negative_sigma += !is_positive;
+}
+
+Tally stress(const StressPixels& pixels, std::uint64_t batch_count) {
+  struct Local {
+    StressPixels::Buffers buffers;
+    BatchFit fit;
+    Tally tally;
+  };
+  tbb::combinable<Local> locals;
+  tbb::parallel_for(std::uint64_t{0}, batch_count, [&](std::uint64_t batch) {
+    Local& local = locals.local();
+    pixels.fitter(batch).fit(pixels.make(batch, local.buffers), local.fit);
+    const bool is_free = pixels.sweep(batch).indirect == estimation::IndirectLight::kFree;
+    std::uint64_t hash = 0xcbf29ce484222325U ^ batch;
+    for (std::size_t i = 0; i < StressPixels::kCount; ++i)
+      count_pixel(local.fit, i, is_free, hash, local.tally);
+    local.tally.bits += hash;
+  });
+  Tally total;
+  locals.combine_each([&](const Local& local) { total = total + local.tally; });
+  return total;
+}
+
+// Condition of the covariance, scaled to a unit diagonal.
+double condition_of(const std::array<long double, 10>& covariance) {
+  cv::Matx44d scaled;
+  for (std::size_t row = 0; row < kUnknowns; ++row)
+    for (std::size_t col = 0; col < kUnknowns; ++col) {
+      const auto at = [&](std::size_t a, std::size_t b) {
+        return covariance[covariance_index(a, b)];
+      };
+      scaled(static_cast<int>(row), static_cast<int>(col)) =
+          static_cast<double>(at(row, col) / std::sqrt(at(row, row) * at(col, col)));
+    }
+  cv::Vec4d values;
+  cv::eigen(scaled, values);
+  return values[0] / std::max(values[3], 1e-16);
+}
+
+// The same pixel in long double, from the float's result on.
+std::optional<reference::ReferenceFit> reference_of(const StressPixels& pixels, std::uint64_t batch,
+                                                    const estimation::PixelBatch& data,
+                                                    const BatchFit& fit, std::size_t i) {
+  const StressSweep& sweep = pixels.sweep(batch);
+  reference::ReferencePixel pixel;
+  std::vector<float> samples;
+  for (std::size_t shift = 0; shift < sweep.shifts_px.size(); ++shift) {
+    pixel.shifts_px.push_back(sweep.shifts_px[shift]);
+    samples.push_back(data.samples[shift * data.stride + i]);
+  }
+  pixel.black_frac = static_cast<long double>(sweep.projector_black_frac);
+  pixel.position_px = static_cast<long double>(data.position_px[i]);
+  pixel.full_signal = static_cast<long double>(data.full_signal[i]);
+  pixel.noise = sweep.noise;
+  return reference_fit(pixel, samples,
+                       {.logit = static_cast<long double>(fit.logit_reflectance[i]),
+                        .log_translucency_px = static_cast<long double>(fit.log_translucency_px[i]),
+                        .indirect = static_cast<long double>(fit.indirect[i]),
+                        .phase_px = static_cast<long double>(fit.phase_px[i])},
+                       sweep.indirect == estimation::IndirectLight::kFree);
+}
+
+struct Comparison {
+  std::vector<Point> by_vectors, in_double;  // condition, error in standard deviations
+  std::size_t without_reference = 0;
+};
+
+double error_in_sd(const reference::ReferenceFit& truth, double logit, double log_l,
+                   double indirect, double phase_px) {
+  const double found[kUnknowns] = {logit, log_l, indirect, phase_px};
+  const long double exact[kUnknowns] = {truth.point.logit, truth.point.log_translucency_px,
+                                        truth.point.indirect, truth.point.phase_px};
+  double worst = 0;
+  for (std::size_t k = 0; k < kUnknowns; ++k)
+    if (truth.sd[k] > 0)
+      worst = std::max(worst, std::abs(found[k] - static_cast<double>(exact[k])) /
+                                  static_cast<double>(truth.sd[k]));
+  return worst;
+}
+
+// A profile far narrower than a projector pixel takes the long double thousands of harmonics.
+constexpr float kLeastLogTranslucencyPx = -2;
+constexpr std::size_t kOfABatch = 20;  // pixels compared
+
+Comparison compare_batch(const StressPixels& pixels, std::uint64_t batch) {
+  Comparison comparison;
+  StressPixels::Buffers buffers;
+  BatchFit fit;
+  const estimation::PixelBatch data = pixels.make(batch, buffers);
+  pixels.fitter(batch).fit(data, fit);
+  std::size_t taken = 0;
+  for (std::size_t i = 0; i < StressPixels::kCount && taken < kOfABatch; ++i) {
+    if ((fit.validity[i] & estimation::kValidityErrors) != 0 ||
+        fit.log_translucency_px[i] < kLeastLogTranslucencyPx)
+      continue;
+    ++taken;
+    const auto truth = reference_of(pixels, batch, data, fit, i);
+    if (!truth || !std::isfinite(truth->sd[0])) {
+      ++comparison.without_reference;
+      continue;
+    }
+    const double condition = condition_of(truth->covariance);
+    const auto d = [](float value) { return static_cast<double>(value); };
+    comparison.by_vectors.push_back(
+        {condition, error_in_sd(*truth, d(fit.logit_reflectance[i]), d(fit.log_translucency_px[i]),
+                                d(fit.indirect[i]), d(fit.phase_px[i]))});
+    const estimation::PixelFit exact = fit_pixel(pixels.problem(batch), data, i);
+    if (exact.validity == 0)
+      comparison.in_double.push_back(
+          {condition, error_in_sd(*truth, exact.logit_reflectance, exact.log_translucency_px,
+                                  exact.indirect, exact.phase_px)});
+  }
+  return comparison;
+}
+
+Comparison compare_with_reference(const StressPixels& pixels, std::size_t batch_count) {
+  std::vector<Comparison> parts(batch_count);
+  tbb::parallel_for(std::size_t{0}, batch_count, [&](std::size_t batch) {
+    if (pixels.sweep(batch).indirect == estimation::IndirectLight::kFree)
+      parts[batch] = compare_batch(pixels, batch);
+  });
+  Comparison all;
+  for (const Comparison& part : parts) {
+    all.by_vectors.insert(all.by_vectors.end(), part.by_vectors.begin(), part.by_vectors.end());
+    all.in_double.insert(all.in_double.end(), part.in_double.begin(), part.in_double.end());
+    all.without_reference += part.without_reference;
+  }
+  return all;
+}
+
+std::string share_below(const std::vector<Point>& points, double limit) {
+  const auto count = std::count_if(points.begin(), points.end(),
+                                   [&](const Point& point) { return point.y < limit; });
+  return percent(static_cast<double>(count) / static_cast<double>(points.size()), 2);
+}
+
+double worst(const std::vector<Point>& points) {
+  double greatest = 0;
+  for (const Point& point : points) greatest = std::max(greatest, point.y);
+  return greatest;
+}
+
+void show_stress(Bench& bench, const StressPixels& pixels) {
+  const std::size_t count = bench.stress_count > 0 ? bench.stress_count
+                            : bench.is_quick       ? 100'000
+                                                   : 10'000'000;
+  const auto start = std::chrono::steady_clock::now();
+  const Tally tally = stress(pixels, (count + StressPixels::kCount - 1) / StressPixels::kCount);
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const auto text = [](std::uint64_t number) { return std::to_string(number); };
+  bench.report.table(
+      {.name = "stability",
+       .title = "Random pixels: R_d 1e-6 to 1 - 1e-9, l_d/pitch 1e-3 to 1e3, light from none to "
+                "saturation, 22 sweeps (1 to 40 shifts, even, uneven, repeated), a quarter damaged "
+                "(NaN, infinity, negative, all equal, a single sample, no light)",
+       .columns = {"pixels", "valid", "NaN or infinity in a valid one", "sigma not positive",
+                   "saturated", "too dark", "outside the model", "not identifiable", "seconds"},
+       .rows = {{text(tally.pixels), text(tally.valid), text(tally.not_finite),
+                 text(tally.negative_sigma), text(tally.saturated), text(tally.too_dark),
+                 text(tally.outside), text(tally.not_identifiable), digits(seconds)}}});
+}
+
+void show_bits(Bench& bench, const StressPixels& pixels) {
+  std::string text = "The same bits for 1, 2, 3 and 4 threads: ";
+  std::optional<std::uint64_t> first;
+  bool is_same = true;
+  for (std::size_t threads = 1; threads <= 4; ++threads) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    const std::uint64_t bits = stress(pixels, bench.is_quick ? 66 : 440).bits;
+    is_same = is_same && bits == first.value_or(bits);
+    first = bits;
+  }
+  bench.report.text(text.append(is_same ? "yes." : "NO."));
+}
+
+}  // namespace
+
+void show_stability(Bench& bench) {
+  const StressPixels pixels;
+  show_stress(bench, pixels);
+  show_bits(bench, pixels);
+  const Comparison comparison = compare_with_reference(pixels, bench.is_quick ? 22 : 220);
+  bench.report.text(
+      std::string(
+          "Against a fit in long double (tests/estimation/profile/likelihood_reference.h) of ")
+          .append(std::to_string(comparison.by_vectors.size()))
+          .append(" valid ones of these pixels, greatest error of t, ln l_d, B and phase in their "
+                  "standard deviations: float vectors ")
+          .append(share_below(comparison.by_vectors, 1e-3))
+          .append("% below 1e-3, worst ")
+          .append(digits(worst(comparison.by_vectors), 2))
+          .append("; double by samples ")
+          .append(share_below(comparison.in_double, 1e-3))
+          .append("%, worst ")
+          .append(digits(worst(comparison.in_double), 2))
+          .append(". Without a long double optimum nearby: ")
+          .append(std::to_string(comparison.without_reference))
+          .append("."));
+  Figure figure{
+      .title = "Error against conditioning",
+      .x = {.label = "condition of the scaled covariance", .is_log = true},
+      .y = {.label = "error / standard deviation", .is_log = true, .low = 1e-8},
+      .series = {{.name = "double, by samples",
+                  .color = kPalette[1],
+                  .points = comparison.in_double},
+                 {.name = "float, vectors", .color = kPalette[0], .points = comparison.by_vectors}},
+      .levels = {{1e-3, "asked for: 1e-3", {190, 30, 45}}}};
+  bench.report.picture("stability", draw({figure}, 640, 460));
+}
+
+}  // namespace bench
