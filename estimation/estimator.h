@@ -20,7 +20,7 @@ namespace estimation {
 
 struct EstimatorOptions {
   std::string method = "likelihood";  // or "lut", the paper's table search
-  std::string model = "dipole";       // see make_scattering_model
+  std::string model = "monte_carlo";  // see make_scattering_model
   double anisotropy = 0.8;            // g of the medium
   double eta = 1.4;                   // refractive index of the medium
   // Indirect light of a pixel: "free", "zero", or "auto": free, but zero where its neighbourhood

@@ -148,10 +148,12 @@ std::size_t fix_indirect_where_earned(const CameraInfo& camera, SiteFits& fits) 
       const std::optional<Level>& level = level_at(row, col);
       if (!level) continue;
       const double worst = std::abs(level->mean) + kWorstCaseSd * level->sd;
+      // The unbiased estimate of B^2.
+      const double left_open = std::max(level->mean * level->mean - level->sd * level->sd, 0.0);
       for (const std::size_t site : blocks.members(row, col)) {
         const double variance = covariance_of(fits.fit, site, kIndirect, kIndirect);
         if (!(worst * worst < kShareOfGain * kShareOfGain * variance)) continue;
-        fix_at_zero(fits.fit, site, level->mean * level->mean + level->sd * level->sd);
+        fix_at_zero(fits.fit, site, left_open);
         ++fixed_count;
       }
     }

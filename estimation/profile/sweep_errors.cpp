@@ -289,7 +289,7 @@ std::string with_sd(double value, double sd) {
 std::optional<SweepErrors> estimate_sweep_errors(const StripeScene& scene,
                                                  std::span<const BandLikelihood> bands,
                                                  std::span<const double> capture_order) {
-  SweepErrors errors;
+  SweepErrors errors{.has_perfect_optics = scene.transfer.is_perfect()};
   for (int round = 0; round < kRounds; ++round) {
     const Look seen =
         look(scene, bands, both(errors.blur_px2, errors.drift_px, capture_order), capture_order);
@@ -317,8 +317,9 @@ EarnedCorrection earned_correction(const SweepErrors& errors) {
   const double excess = errors.chi_square_after - 1;
   const bool is_explained =
       excess < kRemainingExcess || excess < kRemainingShare * (errors.chi_square_before - 1);
+  const bool is_possible = errors.blur_px2 > 0 || !errors.has_perfect_optics;
   const double blur = std::abs(errors.blur_px2), drift = std::abs(errors.drift_px);
-  return {.has_blur = is_explained && blur > kSignificantSd * errors.blur_px2_sd &&
+  return {.has_blur = is_explained && is_possible && blur > kSignificantSd * errors.blur_px2_sd &&
                       blur > kToleratedBlurPx * kToleratedBlurPx,
           .has_drift = is_explained && drift > kSignificantSd * errors.drift_sd_px &&
                        drift > kToleratedDriftPx};

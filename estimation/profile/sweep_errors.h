@@ -22,6 +22,7 @@ struct SweepErrors {
   // Median reduced chi-square of the sites used, without and with both taken into account.
   double chi_square_before = 1, chi_square_after = 1;
   std::size_t site_count = 0;
+  bool has_perfect_optics = false;  // by the calibration: nothing can be sharper
 };
 
 // Gauss-Newton over the two, each site's own unknowns projected out, from the pilot sites of all

@@ -198,7 +198,7 @@ TEST_F(CaptureJobTest, WhatIsWrongBeforehandLeavesNoSession) {
   options_.plan = "paper";
   options_.estimator.model = "milk";
   EXPECT_EQ(exit_code(), ExitCode::kUsage);
-  options_.estimator.model = "dipole";
+  options_.estimator.model = "monte_carlo";
   options_.directory = rig_file_.calibration_file / "below a file";
   EXPECT_EQ(exit_code(), ExitCode::kStorage);
   options_.directory = root_ / "sessions";

@@ -40,13 +40,13 @@ def dipole(medium):
 class EdgeResponse:
     """What a point at x mm inside a lit half-plane returns, optics blurred by sigma mm included."""
     STEP_MM = 0.02
-    REACH_MM = 16.0
+    REACH_MM = 50.0  # at 16 mm cheek red still lacks a percent, which a fit with B free sees
 
     def __init__(self, medium, blur_mm):
         transform = dipole(medium)
         self.full = transform(0)
         count = int(self.REACH_MM / self.STEP_MM)
-        dk, terms = 0.02, []
+        dk, terms = 0.04, []
         k = dk / 2
         while True:
             value = transform(k) * math.exp(-0.5 * (k * blur_mm)**2)
