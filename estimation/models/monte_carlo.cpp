@@ -38,6 +38,7 @@ MonteCarlo::MonteCarlo(const ScatteringTable& table)
   std::vector<double> along_k;
   for (int i = 0; i < grid_.node_count; ++i) {
     std::vector<double> row;
+    row.reserve(count);
     for (int j = 0; j < grid_.node_count; ++j)
       row.push_back(table.log_transform[table.at(i, j)] +
                     std::log1p(slope_ * std::hypot(grid_.node(i), grid_.node(j))));

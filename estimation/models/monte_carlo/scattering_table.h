@@ -54,7 +54,8 @@ struct ScatteringTable {
   std::vector<double> exit_radiance_se;     // of h at normal exit, [s]
 
   std::size_t at(int s_index, int k_index) const {
-    return static_cast<std::size_t>(s_index * grid.node_count + k_index);
+    return static_cast<std::size_t>(s_index) * static_cast<std::size_t>(grid.node_count) +
+           static_cast<std::size_t>(k_index);
   }
 };
 

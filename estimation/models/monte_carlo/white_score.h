@@ -53,10 +53,12 @@ class WhiteScore {
  private:
   void record(const PhotonExit& exit);
   static std::size_t at(int bin, int frequency) {
-    return static_cast<std::size_t>(bin * ScoreGrid::kFrequencyCount + frequency);
+    return static_cast<std::size_t>(bin) * ScoreGrid::kFrequencyCount +
+           static_cast<std::size_t>(frequency);
   }
   static std::size_t exit_at(int bin, int exit_bin) {
-    return static_cast<std::size_t>(bin * ScoreGrid::kExitBinCount + exit_bin);
+    return static_cast<std::size_t>(bin) * ScoreGrid::kExitBinCount +
+           static_cast<std::size_t>(exit_bin);
   }
 
   std::int64_t photon_count_ = 0;

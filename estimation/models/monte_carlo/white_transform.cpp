@@ -11,7 +11,7 @@ namespace {
 constexpr int kFrequencies = ScoreGrid::kFrequencyCount;
 
 std::size_t at(int bin, int frequency) {
-  return static_cast<std::size_t>(bin * kFrequencies + frequency);
+  return static_cast<std::size_t>(bin) * kFrequencies + static_cast<std::size_t>(frequency);
 }
 
 // The integral of L^(-3/2 - term) from a to b.

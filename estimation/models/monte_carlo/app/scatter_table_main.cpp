@@ -32,6 +32,7 @@ std::vector<estimation::WhiteScore> run_batches(const estimation::PhotonWalk& wa
 
 }  // namespace
 
+// NOLINTNEXTLINE(bugprone-exception-escape): CLI11 would only throw about our own options' names
 int main(int argc, char** argv) {
   estimation::WalkMedium medium;
   double photon_count = 1e6;
