@@ -18,8 +18,8 @@ using estimation::SensorFit;
 
 namespace {
 
-// A pixel is of the lit field above this share of the range.
-constexpr double kLitFrac = 0.05;
+// A pixel is of the lit field above this share of the brightest ones.
+constexpr double kLitFrac = 0.3;
 
 // What an even pattern asks of the projector; none for patterns that vary.
 std::optional<double> even_drive(const estimation::PatternKind& kind,
@@ -41,21 +41,26 @@ struct Difference {
   double change_dn = 0;    // of the mean
   double scatter_dn = 0;   // of one frame's pixel, rms beyond the change
   double expected_dn = 0;  // of that
+  double highest_dn = 0;   // raw
+
+  bool is_clipped_at(double saturation_dn) const { return highest_dn >= saturation_dn; }
 };
 
 // Over `field` alone: pixels that white lights.
 Difference compare(const estimation::Image<std::uint16_t>& a,
                    const estimation::Image<std::uint16_t>& b, const std::vector<char>& field,
                    double black_dn, const SensorFit& sensor) {
-  double sum_a = 0, sum_b = 0, count = 0;
+  double sum_a = 0, sum_b = 0, count = 0, highest_dn = 0;
   const auto sa = a.samples(), sb = b.samples();
   for (std::size_t i = 0; i < field.size(); ++i) {
     if (!field[i]) continue;
     sum_a += sa[i] - black_dn;
     sum_b += sb[i] - black_dn;
+    highest_dn = std::max<double>(highest_dn, std::max(sa[i], sb[i]));
     ++count;
   }
   Difference d;
+  d.highest_dn = highest_dn;
   if (count == 0) return d;
   d.mean_dn = (sum_a + sum_b) / (2 * count);
   d.change_dn = (sum_b - sum_a) / count;
@@ -129,47 +134,73 @@ std::vector<estimation::SeriesFrame> SensorSeries::frames() const {
   return frames;
 }
 
+// The pixels that white lights, the same for every exposure: of the longest exposure under white
+// that clips nothing (else of the shortest, without what it clips).
+std::vector<char> SensorSeries::lit_field(double black_dn) const {
+  const Frame* chosen = nullptr;
+  bool is_whole = false;
+  for (const Frame& frame : frames_) {
+    if (frame.drive_frac != 1) continue;
+    const bool clips = std::ranges::any_of(frame.dn.samples(),
+                                           [&](std::uint16_t dn) { return dn >= saturation_dn_; });
+    const bool is_better =
+        !chosen || (clips ? !is_whole && frame.exposure_us < chosen->exposure_us
+                          : !is_whole || frame.exposure_us > chosen->exposure_us);
+    if (!is_better) continue;
+    chosen = &frame;
+    is_whole = !clips;
+  }
+  if (!chosen) return {};
+  std::vector<std::uint16_t> sorted;
+  for (const std::uint16_t dn : chosen->dn.samples())
+    if (dn < saturation_dn_) sorted.push_back(dn);
+  if (sorted.empty()) return {};
+  const auto bright = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() * 19 / 20);
+  std::nth_element(sorted.begin(), bright, sorted.end());
+  const double least_dn = black_dn + kLitFrac * (*bright - black_dn);
+  std::vector<char> field;
+  for (const std::uint16_t dn : chosen->dn.samples())
+    field.push_back(dn > least_dn && dn < saturation_dn_ ? 1 : 0);
+  return field;
+}
+
 std::vector<LightPair> SensorSeries::pairs(const SensorFit& sensor) const {
   std::vector<LightPair> pairs;
-  const auto black_at = [&](double exposure_us) {
-    return sensor.black_level_dn.value + sensor.dark_signal_dn_per_us.value * exposure_us;
-  };
+  const std::vector<char> field = lit_field(sensor.black_level_dn.value);
+  if (std::ranges::count(field, 1) == 0) return pairs;
+  double white_rate = 0, white_count = 0;
   for (std::size_t i = 0; i < frames_.size(); ++i) {
     const Frame& first = frames_[i];
     if (!first.drive_frac) continue;
     const auto is_equal = [&](const Frame& other) {
       return other.drive_frac == first.drive_frac && other.exposure_us == first.exposure_us;
     };
-    const auto before =
-        std::count_if(frames_.begin(), frames_.begin() + static_cast<std::ptrdiff_t>(i), is_equal);
-    const auto second =
-        std::find_if(frames_.begin() + static_cast<std::ptrdiff_t>(i) + 1, frames_.end(), is_equal);
-    if (before % 2 != 0 || second == frames_.end()) continue;
-    const auto white = std::ranges::find_if(frames_, [&](const Frame& other) {
-      return other.drive_frac == 1 && other.exposure_us == first.exposure_us;
-    });
-    if (white == frames_.end()) continue;  // nothing tells where the light falls
-    const double black_dn = black_at(first.exposure_us);
-    const double range_dn = saturation_dn_ - black_dn;
-    std::vector<char> field;
-    double white_sum = 0, white_count = 0;
-    bool is_clipped = false;
-    for (const std::uint16_t dn : white->dn.samples()) {
-      const bool is_lit = dn - black_dn > kLitFrac * range_dn;
-      is_clipped = is_clipped || dn >= saturation_dn_;
-      field.push_back(is_lit ? 1 : 0);
-      white_sum += is_lit ? dn - black_dn : 0;
-      white_count += is_lit ? 1 : 0;
-    }
-    if (white_count == 0 || is_clipped) continue;
+    const auto here = frames_.begin() + static_cast<std::ptrdiff_t>(i);
+    const auto second = std::find_if(here + 1, frames_.end(), is_equal);
+    const bool is_second = std::count_if(frames_.begin(), here, is_equal) % 2 != 0;
+    if (is_second || second == frames_.end()) continue;
+    const double black_dn =
+        sensor.black_level_dn.value + sensor.dark_signal_dn_per_us.value * first.exposure_us;
     const Difference d = compare(first.dn, second->dn, field, black_dn, sensor);
-    const double scale_dn = std::max(d.mean_dn, 0.01 * white_sum / white_count);
+    if (d.is_clipped_at(saturation_dn_)) continue;
     pairs.push_back({.drive_frac = *first.drive_frac,
                      .exposure_us = first.exposure_us,
                      .rate_dn_per_us = d.mean_dn / first.exposure_us,
-                     .change_frac = d.change_dn / (white_sum / white_count),
-                     .scatter_frac = d.scatter_dn / scale_dn,
-                     .expected_frac = d.expected_dn / scale_dn});
+                     .change_frac = d.change_dn / first.exposure_us,
+                     .scatter_frac = d.scatter_dn / first.exposure_us,
+                     .expected_frac = d.expected_dn / first.exposure_us});
+    if (*first.drive_frac != 1) continue;
+    white_rate += pairs.back().rate_dn_per_us;
+    ++white_count;
+  }
+  if (white_count == 0) return {};
+  white_rate /= white_count;
+  for (LightPair& pair : pairs) {
+    pair.change_frac /= white_rate;
+    // Of its own level; of a black picture, of a hundredth of white.
+    const double level = std::max(pair.rate_dn_per_us, 0.01 * white_rate);
+    pair.scatter_frac /= level;
+    pair.expected_frac /= level;
   }
   return pairs;
 }

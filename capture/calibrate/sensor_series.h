@@ -42,6 +42,8 @@ class SensorSeries {
                                 const estimation::Manifest& manifest, const std::string& file,
                                 double exposure_us, std::optional<double> drive_frac);
 
+  std::vector<char> lit_field(double black_dn) const;  // [sample]
+
   std::deque<Frame> frames_;
   std::optional<estimation::CameraInfo> camera_;
   double saturation_dn_ = 0;

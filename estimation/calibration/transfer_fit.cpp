@@ -22,8 +22,9 @@ constexpr double kLeastLevelFrac = 0.3;  // of the median: darker pixels are not
 // What models of optics leave out (the shape of the blur, projector pixels' gaps): no contrast is
 // held to be known better than this.
 constexpr double kModelSd = 0.002;
-// Twice the log-likelihood by which scattering must beat blur alone.
-constexpr double kScatteringGain = 16;
+// By how much of chi-square scattering must beat blur alone. A white plastic gives hundreds; a lens
+// whose blur has a halo gave 14.
+constexpr double kScatteringGain = 40;
 constexpr double kTargetReflectance = 0.95;  // a white target's; the shape hardly depends on it
 
 using Complex = std::complex<double>;
@@ -300,7 +301,7 @@ ScatteringTest test_scattering(const Contrasts& contrasts, double pitch_mm) {
   if (!model) return test;
   constexpr int kSteps = 60;
   for (int i = 0; i <= kSteps; ++i) {
-    const double translucency_px = 0.1 * std::pow(300.0, 1.0 * i / kSteps);
+    const double translucency_px = 0.1 * std::pow(2000.0, 1.0 * i / kSteps);
     std::array<double, kTransferHarmonics + 1> k_times_l{}, reflectance{};
     for (int n = 0; n <= kTransferHarmonics; ++n)
       k_times_l[index(n)] = 2 * std::numbers::pi * n / kPeriodPx * translucency_px;

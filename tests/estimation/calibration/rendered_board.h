@@ -91,7 +91,8 @@ class RenderedPose {
         picture(row, col) = albedo_(row, col) * (static_cast<float>(settings_.signal) * light +
                                                  static_cast<float>(is_lit ? settings_.black : 0));
       }
-    cv::GaussianBlur(picture, picture, {}, settings_.camera_blur_px);
+    if (settings_.camera_blur_px > 0)
+      cv::GaussianBlur(picture, picture, {}, settings_.camera_blur_px);
     Image<float> result(picture.rows, picture.cols);
     for (int row = 0; row < picture.rows; ++row)
       for (int col = 0; col < picture.cols; ++col) {

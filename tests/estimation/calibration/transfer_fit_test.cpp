@@ -160,6 +160,9 @@ TEST(TransferFit, AScatteringTargetIsTold) {
     const SyntheticSweep sweep(target);
     const auto fit = fit_transfer(sweep.sweep(), sweep.camera());
     ASSERT_TRUE(fit) << fit.error().text();
+    std::printf("chi-square %.0f as blur, %.0f as blur and scattering, l_d %.2f mm\n",
+                fit->scattering.chi2_blur, fit->scattering.chi2_scattering,
+                fit->scattering.translucency_mm);
     EXPECT_TRUE(fit->scattering.is_scattering);
     EXPECT_THAT(fit->warnings, Contains(HasSubstr("scatters")));
   }
