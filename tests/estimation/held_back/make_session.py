@@ -37,20 +37,61 @@ def dipole(medium):
     return transform
 
 
+class MonteCarlo:
+    """R~(k) per transmitted flux of a medium of mc_truth_rf.csv, straight lines in its logarithm
+    over f; beyond 1/mm it goes on as the power of its last fifth."""
+
+    def __init__(self, path, name):
+        with open(path) as file:
+            rows = [line.strip().split(",") for line in file if line.startswith(name + ",")]
+        self.medium = (float(rows[0][1]), float(rows[0][2]))
+        self.step = float(rows[1][4])
+        self.log = [math.log(float(row[5])) for row in rows]
+        last = len(rows) - 1
+        self.power = ((self.log[last] - self.log[last * 4 // 5]) /
+                      math.log(last / (last * 4 // 5)))
+
+    def __call__(self, k):
+        place = k / (2 * math.pi) / self.step
+        last = len(self.log) - 1
+        if place >= last:
+            return math.exp(self.log[last] + self.power * math.log(place / last))
+        i = int(place)
+        return math.exp(self.log[i] + (place - i) * (self.log[i + 1] - self.log[i]))
+
+
+def transmission(cosine):
+    """Into a medium of index ETA, unpolarised."""
+    inside = math.sqrt(1 - (1 - cosine**2) / ETA**2)
+    s = (cosine - ETA * inside) / (cosine + ETA * inside)
+    p = (ETA * cosine - inside) / (ETA * cosine + inside)
+    return 1 - (s * s + p * p) / 2
+
+
+def exit_radiance(cosine, reflectance):
+    """Over its mean over the hemisphere, from science.md's figures: between little and much
+    reflectance, and between exit along the normal, at 45 and at 70 degrees."""
+    share = min(max((reflectance - 0.05) / 0.45, 0), 1)
+    places = [(1.0, 0.99 + 0.04 * share), (math.sqrt(0.5), 1.04 + 0.01 * share), (0.342, 1.0)]
+    for (near, high), (far, low) in zip(places, places[1:]):
+        if cosine >= far:
+            return high + (near - cosine) / (near - far) * (low - high)
+    return places[-1][1]
+
+
 class EdgeResponse:
     """What a point at x mm inside a lit half-plane returns, optics blurred by sigma mm included."""
     STEP_MM = 0.02
     REACH_MM = 50.0  # at 16 mm cheek red still lacks a percent, which a fit with B free sees
 
-    def __init__(self, medium, blur_mm):
-        transform = dipole(medium)
+    def __init__(self, transform, blur_mm):
         self.full = transform(0)
         count = int(self.REACH_MM / self.STEP_MM)
         dk, terms = 0.04, []
         k = dk / 2
         while True:
             value = transform(k) * math.exp(-0.5 * (k * blur_mm)**2)
-            if value < 1e-8 or k > 200:
+            if value < 1e-8 or k > 60:
                 break
             terms.append((k, value / k))
             k += dk
@@ -402,7 +443,7 @@ DEFAULTS = {
     "distance_mm": 700.0, "mm_per_px": 0.5, "pitch_mm": 0.3, "baseline_mm": 200.0,
     "camera_distortion": [0, 0, 0, 0, 0], "projector_distortion": [0, 0, 0, 0, 0],
     "shape": "plane", "tilt_deg": 10, "azimuth_deg": 20, "radius_mm": 60.0,
-    "media": SKIN, "indirect": 0.0, "blur_px": 0.0, "transfer": None, "noise": True, "seed": 1,
+    "media": SKIN, "monte_carlo": None, "indirect": 0.0, "blur_px": 0.0, "transfer": None, "noise": True, "seed": 1,
     "black": None, "saturation": None, "full_well_e": 20000, "read_noise_e": 10,
     "projector_black_frac": 0.0, "ambient_frac": 0.0, "flat_field": False, "vignetting": False,
     "dark_frames": False, "white_dn_frac": 0.85, "shuffle": False, "index_step": 1,
@@ -437,9 +478,13 @@ def make(folder, **given):
     patterns = [dict(p) for p in (o["patterns"] or usual_patterns(o["projector"]))]
     rig = Rig(o)
     media = o["media"][:bands]
-    blur_mm = o["blur_px"] * o["pitch_mm"]
-    responses = [EdgeResponse(m, blur_mm) for m in media]
     transforms = [dipole(m) for m in media]
+    if o["monte_carlo"]:  # (the table's path, a medium's name a band)
+        path, names = o["monte_carlo"]
+        transforms = [MonteCarlo(path, name) for name in names[:bands]]
+        media = [transform.medium for transform in transforms]
+    blur_mm = o["blur_px"] * o["pitch_mm"]
+    responses = [EdgeResponse(transform, blur_mm) for transform in transforms]
     gain = o["full_well_e"] / largest
     shortest = min(o["exposures_us"])
     white = o["white_dn_frac"] * (saturation - black) / shortest
@@ -472,6 +517,9 @@ def make(folder, **given):
             if hit is not None:
                 pitch = [pitch_of(rig, point, normal, 0), pitch_of(rig, point, normal, 1)]
                 factor = cosine * (rig.distance / d)**2
+                if o["monte_carlo"]:
+                    factor *= transmission(cosine)
+                to_camera = -dot(normal, point) / norm(point)
                 if o["vignetting"]:
                     factor *= vignette(u, v)
                 truth["z"][i], truth["u"][i], truth["v"][i] = point[2], u, v
@@ -481,6 +529,8 @@ def make(folder, **given):
                 band = channel if is_rgb else channel_at(fmt, row, col, o["roi"])
                 band = min(band, bands - 1)
                 full = signal[band] * factor if hit is not None else 0
+                if hit is not None and o["monte_carlo"]:
+                    full *= exit_radiance(to_camera, responses[band].full)
                 for p, light in enumerate(lights):
                     rate = o["ambient_frac"] * signal[band]
                     if hit is not None:
