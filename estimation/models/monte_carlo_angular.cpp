@@ -46,6 +46,7 @@ MonteCarloAngular::MonteCarloAngular(const ScatteringTable& hemispherical,
             standard_error_.size() == AngularTable::node_count(),
         "two complete tables of one medium");
   std::vector<double> per_transform;  // 1 / R~, [s][k]
+  per_transform.reserve(AngularTable::node_count());
   for (std::size_t node = 0; node < AngularTable::node_count(); ++node) {
     const double s = kAngularGridS.node(static_cast<int>(node / kNodesK));
     const double k_tmfp = kAngularGridK.node(static_cast<int>(node % kNodesK));

@@ -168,7 +168,7 @@ void AngularScore::record(double eta, const PhotonExit& exit) {
       const float phase_rad = p.k_tmfp[static_cast<std::size_t>(i)] * x_tmfp;
       const auto cosine = static_cast<double>(std::cos(phase_rad));
       const auto minus_sine = static_cast<double>(-std::sin(phase_rad));
-      Coefficients& sum = at(bin, i);
+      Coefficients& sum = sum_[at(bin, i)];
       for (std::size_t q = 0; q < DirectionPairs::kRealPairs; ++q) sum[q] += cosine * basis[q];
       for (std::size_t q = DirectionPairs::kRealPairs; q < DirectionPairs::kPairs; ++q)
         sum[q] += minus_sine * basis[q];
@@ -194,7 +194,7 @@ AngularScore::Coefficients AngularScore::multiple(int s_index, int k_index) cons
     const double begin = p.begin_tmfp[bin], end = p.begin_tmfp[bin + 1];
     double factor = mean_decay(absorption, begin, end);
     if (begin >= law_begin) factor += beyond;
-    const Coefficients& sum = at(bin, k_index);
+    const Coefficients& sum = sum_[at(bin, k_index)];
     for (std::size_t q = 0; q < total.size(); ++q) total[q] += factor * sum[q];
   }
   for (double& value : total) value /= static_cast<double>(photon_count_);

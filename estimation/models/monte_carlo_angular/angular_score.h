@@ -38,12 +38,9 @@ class AngularScore {
 
  private:
   void record(double eta, const PhotonExit& exit);
-  Coefficients& at(std::size_t bin, int k_index) {
-    return sum_[bin * static_cast<std::size_t>(kAngularGridK.node_count) +
-                static_cast<std::size_t>(k_index)];
-  }
-  const Coefficients& at(std::size_t bin, int k_index) const {
-    return const_cast<AngularScore*>(this)->at(bin, k_index);
+  static std::size_t at(std::size_t bin, int k_index) {
+    return bin * static_cast<std::size_t>(kAngularGridK.node_count) +
+           static_cast<std::size_t>(k_index);
   }
 
   // Of the photon under way, turned.

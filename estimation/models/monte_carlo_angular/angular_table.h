@@ -31,7 +31,8 @@ struct AngularTable {
   std::vector<float> coefficient_se;
 
   static std::size_t at(int s_index, int k_index) {
-    return static_cast<std::size_t>(s_index * kAngularGridK.node_count + k_index);
+    return static_cast<std::size_t>(s_index) * static_cast<std::size_t>(kAngularGridK.node_count) +
+           static_cast<std::size_t>(k_index);
   }
   static std::size_t node_count() { return at(kAngularGridS.node_count, 0); }
 };
