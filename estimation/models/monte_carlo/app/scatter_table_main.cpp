@@ -39,7 +39,8 @@ int main(int argc, char** argv) {
   std::uint64_t seed = 1;
   int thread_count = 1;
   std::string out_path;
-  CLI::App app("Makes the scattering table of one medium with a white Monte Carlo run.");
+  CLI::App app("Makes the scattering table of one medium with a white Monte Carlo run.",
+               "ssrig-scatter-table");
   app.add_option("--eta", medium.eta, "Refractive index relative to air")
       ->check(CLI::Range(1.0, 2.0));
   app.add_option("--anisotropy", medium.anisotropy, "g of Henyey and Greenstein")
