@@ -20,6 +20,7 @@
 #include "estimation/radiometry/merge.h"
 #include "estimation/radiometry/noise.h"
 #include "estimation/radiometry/signal_store.h"
+#include "estimation/refinement.h"
 #include "estimation/session/frame_io.h"
 #include "estimation/stripe_signals.h"
 
@@ -207,17 +208,22 @@ Result<Maps> Estimator::Implementation::estimate() {
   if (!options_.is_geometry_only && !missing.empty())
     notes_.push_back("geometry only: the session has no " + joined(missing));
   if (!options_.is_geometry_only && missing.empty()) {
-    MaterialResult material = estimate_material({.manifest = manifest_,
-                                                 .options = options_,
-                                                 .model = *model_,
-                                                 .transfer = transfer_,
-                                                 .vignetting = vignetting_,
-                                                 .signals = signals_,
-                                                 .correspondence = correspondence_,
-                                                 .surface = surface,
-                                                 .noise = noise.merged,
-                                                 .is_noise_measured = noise.is_measured},
-                                                maps);
+    const MaterialInput input{.manifest = manifest_,
+                              .options = options_,
+                              .model = *model_,
+                              .transfer = transfer_,
+                              .vignetting = vignetting_,
+                              .signals = signals_,
+                              .correspondence = correspondence_,
+                              .surface = surface,
+                              .noise = noise.merged,
+                              .is_noise_measured = noise.is_measured};
+    MaterialResult material = estimate_material(input, maps);
+    if (options_.is_refined)
+      if (auto refined =
+              refine_material({input, signals_, correspondence_, surface, surface_options}, maps))
+        material = std::move(*refined);
+    mark_near_discontinuity(input, maps);
     notes_.insert(notes_.end(), material.notes.begin(), material.notes.end());
     profiles_ = std::move(material.profiles);
   }

@@ -30,6 +30,8 @@ struct EstimatorOptions {
   // Blur and drift that the data show beyond the calibration: "off", "report", or "auto": corrected
   // where they are significant. Likelihood only.
   std::string sweep_errors = "auto";
+  // Least squares with geometry near discontinuities and bends (refinement.h); both methods.
+  bool is_refined = false;
   int thread_count = 0;  // 0: as many as the machine has
   bool is_geometry_only = false;
 

@@ -31,6 +31,8 @@ void add_estimator_options(CLI::App& command, estimation::EstimatorOptions& opti
                   "reported, or not looked for")
       ->check(CLI::IsMember({"auto", "report", "off"}))
       ->capture_default_str();
+  command.add_flag("--refine", options.is_refined,
+                   "least squares with geometry near borders and creases; several times the work");
   command.add_option("--threads", options.thread_count, "0: as many as the machine has")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();

@@ -7,8 +7,8 @@
 
 namespace capture {
 
-// Adds --method, --model, --anisotropy, --eta, --indirect, --harmonics, --sweep-errors and
-// --threads to `command`, kept in `options`.
+// Adds --method, --model, --anisotropy, --eta, --indirect, --harmonics, --sweep-errors, --refine
+// and --threads to `command`, kept in `options`.
 void add_estimator_options(CLI::App& command, estimation::EstimatorOptions& options);
 
 }  // namespace capture

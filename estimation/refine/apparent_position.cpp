@@ -110,14 +110,16 @@ Position true_position(const StripeSweep& sweep, const LitSurface& surface,
       if (!surface.is_lit(row, col)) continue;
       double sum = 0, weight = 0;
       for (int channel = 0; channel < channels; ++channel) {
-        const auto& field =
-            fields[static_cast<std::size_t>(band_at(sweep.camera, row, col, channel))];
+        const auto band = static_cast<std::size_t>(band_at(sweep.camera, row, col, channel));
+        const SpreadField& field = fields[band];
         const auto shift = shift_px(surface, field, row, col, field.stride_px * pixel_mm,
                                     sweep.stripes.shape.period_px);
         const auto reading = reader.read(row, col, channel, static_cast<double>(old_px));
         if (!shift || !reading || !(reading->variance_px2 > 0)) continue;
-        const double corrected_px = reading->px - *shift;
-        if (std::abs(corrected_px - static_cast<double>(old_px)) > kMostShiftPx) continue;
+        const double oblique_px =
+            sweep.oblique_px.empty() ? 0 : static_cast<double>(sweep.oblique_px[band].at(row, col));
+        const double corrected_px = reading->px - *shift - oblique_px;
+        if (!(std::abs(corrected_px - static_cast<double>(old_px)) < kMostShiftPx)) continue;
         sum += corrected_px / reading->variance_px2;
         weight += 1 / reading->variance_px2;
       }

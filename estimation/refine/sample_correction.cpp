@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "estimation/profile/site_factors.h"
 #include "estimation/refine/spatial_correction.h"
 
 namespace estimation {
@@ -19,37 +20,37 @@ class SiteCorrector {
  public:
   SiteCorrector(const CorrectionInput& input, int band, double projector_black_frac,
                 const LitPatches& patches, const RadialProfile& profile)
-      : input_(input),
-        band_(band),
+      : surface_(input.surface),
+        shape_(input.scene.stripes.shape),
         projector_black_frac_(projector_black_frac),
-        spatial_(input.surface, patches, profile, input.shape.period_px, kHarmonics),
-        change_(kHarmonics + 1),
-        contrast_(kHarmonics, 1.0F) {}
+        factors_(input.scene, band, kHarmonics, 0),
+        spatial_(input.surface, patches, profile, shape_.period_px, kHarmonics),
+        change_(kHarmonics + 1) {}
 
-  bool load(int row, int col, const SpreadMaterial& material) {
+  bool load(Site site, const SpreadMaterial& material) {
     if (!(material.diffuse_reflectance > 0 && material.diffuse_reflectance < 1 &&
           material.translucency_mm > 0))
       return false;
-    if (!spatial_.at(row, col, material, change_)) return false;
-    if (!input_.transfer.is_perfect())
-      input_.transfer.at(row, col, band_,
-                         static_cast<double>(input_.projector_distance_mm.at(row, col)),
-                         input_.shape.period_px, contrast_);
-    const double duty = static_cast<double>(input_.shape.width_px) / input_.shape.period_px;
-    mean_ = (duty + projector_black_frac_) * change_[0].real();
-    for (int n = 1; n <= kHarmonics; ++n) {
-      const double angle = std::numbers::pi * n * duty;
-      const auto i = static_cast<std::size_t>(n);
-      change_[i] *= 2 * duty * std::sin(angle) / angle * static_cast<double>(contrast_[i - 1]);
+    if (!spatial_.at(site.row, site.col, material, change_)) return false;
+    const double pitch_mm = static_cast<double>(surface_.pitch_mm.at(site.row, site.col));
+    const auto factors = factors_.at(
+        site, {.logit_reflectance =
+                   std::log(material.diffuse_reflectance / (1 - material.diffuse_reflectance)),
+               .log_translucency_px = std::log(material.translucency_mm / pitch_mm)});
+    const double duty = static_cast<double>(shape_.width_px) / shape_.period_px;
+    mean_ = (duty + projector_black_frac_) * (factors[0] * change_[0]).real();
+    for (std::size_t n = 1; n <= kHarmonics; ++n) {
+      const double angle = std::numbers::pi * static_cast<double>(n) * duty;
+      change_[n] *= 2 * duty * std::sin(angle) / angle * factors[n];
     }
-    position_px_ = static_cast<double>(input_.surface.position_px.at(row, col)) -
-                   0.5 * (input_.shape.width_px - 1);
+    position_px_ = static_cast<double>(surface_.position_px.at(site.row, site.col)) -
+                   0.5 * (shape_.width_px - 1);
     return true;
   }
 
   double at(int shift_px) const {
     const auto turn =
-        std::polar(1.0, 2 * std::numbers::pi * (position_px_ - shift_px) / input_.shape.period_px);
+        std::polar(1.0, 2 * std::numbers::pi * (position_px_ - shift_px) / shape_.period_px);
     std::complex<double> power = turn;
     double sum = mean_;
     for (std::size_t n = 1; n <= kHarmonics; ++n, power *= turn) sum += (change_[n] * power).real();
@@ -57,12 +58,12 @@ class SiteCorrector {
   }
 
  private:
-  const CorrectionInput& input_;
-  int band_;
+  const LitSurface& surface_;
+  StripeShape shape_;
   double projector_black_frac_;
+  SiteFactors factors_;
   SpatialCorrection spatial_;
   std::vector<std::complex<double>> change_;
-  std::vector<float> contrast_;
   double mean_ = 0, position_px_ = 0;
 };
 
@@ -71,13 +72,10 @@ class SiteCorrector {
 SampleCorrection::SampleCorrection(const CameraInfo& camera, int band,
                                    std::span<const ImageView<const float>> signals,
                                    ImageView<const unsigned char> wanted)
-    : band_(band),
-      channel_(camera.pixel_format.filter == ColorFilter::kRgb ? band : 0),
-      sample_count_(signals.size()) {
+    : band_(band), channel_(channel_of(camera, band)), sample_count_(signals.size()) {
   for (int row = 0; row < camera.height_px; ++row)
     for (int col = 0; col < camera.width_px; ++col)
-      if (wanted.at(row, col) != 0 && band_at(camera, row, col, channel_) == band)
-        sites_.push_back({row, col});
+      if (wanted.at(row, col) != 0 && is_site(camera, band, row, col)) sites_.push_back({row, col});
   measured_.reserve(sites_.size() * sample_count_);
   for (const Site& site : sites_)
     for (const auto& signal : signals) measured_.push_back(signal.at(site.row, site.col, channel_));
@@ -90,21 +88,21 @@ void SampleCorrection::apply(const CorrectionInput& input, const BandMaterial& m
   const double pixel_mm = typical_pixel_mm(input.surface);
   if (!(translucency_mm > 0 && pixel_mm > 0)) return restore(signals);
   const LitPatches patches(input.surface, LitPatches::side_for(translucency_mm, pixel_mm),
-                           input.shape.period_px);
-  const RadialProfile profile(input.model, 0.01, 0.99);
+                           input.scene.stripes.shape.period_px);
+  const RadialProfile profile(input.scene.model, 0.01, 0.99);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, sites_.size(), 64), [&](const auto& range) {
     SiteCorrector corrector(input, band_, projector_black_frac, patches, profile);
     for (std::size_t i = range.begin(); i != range.end(); ++i) {
       const auto [row, col] = sites_[i];
       const SpreadMaterial here{static_cast<double>(material.diffuse_reflectance.at(row, col)),
                                 static_cast<double>(material.translucency_mm.at(row, col))};
-      const bool is_known = corrector.load(row, col, here);
+      const bool is_known = corrector.load({row, col}, here);
       const double full = signal_per_us * static_cast<double>(input.surface.gain.at(row, col));
       for (std::size_t k = 0; k < sample_count_; ++k) {
         const float measured = measured_[i * sample_count_ + k];
         signals[k].at(row, col, channel_) =
             is_known ? static_cast<float>(static_cast<double>(measured) -
-                                          full * corrector.at(input.shifts_px[k]))
+                                          full * corrector.at(input.scene.stripes.shifts_px[k]))
                      : measured;
       }
     }

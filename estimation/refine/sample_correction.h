@@ -9,23 +9,17 @@
 #include <vector>
 
 #include "estimation/base/image.h"
-#include "estimation/models/scattering_model.h"
-#include "estimation/profile/stripe_set.h"
-#include "estimation/profile/stripe_transfer.h"
+#include "estimation/profile/band_sites.h"
+#include "estimation/profile/stripe_scene.h"
 #include "estimation/refine/spread_field.h"
 #include "estimation/session/manifest.h"
 
 namespace estimation {
 
-// Everything borrowed; [height][width] as the frames.
+// Everything borrowed. The scene's geometry is the surface's, its signals are not looked at.
 struct CorrectionInput {
-  const CameraInfo& camera;
+  const StripeScene& scene;
   const LitSurface& surface;
-  ImageView<const float> projector_distance_mm;
-  const ScatteringModel& model;
-  const HarmonicTransfer& transfer;
-  StripeShape shape;
-  std::span<const int> shifts_px;  // of each image of the sweep
 };
 
 // One band's sites among the pixels to be refined, with their samples as measured.
@@ -51,9 +45,6 @@ class SampleCorrection {
   void restore(std::span<const ImageView<float>> signals) const;
 
  private:
-  struct Site {
-    int row, col;
-  };
   int band_, channel_;
   std::vector<Site> sites_;
   std::size_t sample_count_;

@@ -9,6 +9,7 @@
 #include <limits>
 #include <numbers>
 
+#include "estimation/profile/band_sites.h"
 #include "estimation/refine/spatial_correction.h"
 
 namespace estimation {
@@ -38,10 +39,6 @@ std::vector<double> sampled(const LitSurface& surface, const Value& value) {
       if (std::isfinite(found)) values.push_back(found);
     }
   return values;
-}
-
-bool sees_band(const CameraInfo& camera, int row, int col, int band) {
-  return camera.pixel_format.filter == ColorFilter::kRgb || band_at(camera, row, col) == band;
 }
 
 bool is_material(const SpreadMaterial& material) {
@@ -93,7 +90,7 @@ SpreadField spread_field(const CameraInfo& camera, int band, const LitSurface& s
     for (int i = range.begin(); i != range.end(); ++i)
       for (int j = 0; j < field.cols; ++j) {
         const int row = i * field.stride_px, col = j * field.stride_px;
-        if (field.stride_px == 1 && !sees_band(camera, row, col, band)) continue;
+        if (field.stride_px == 1 && !is_site(camera, band, row, col)) continue;
         const SpreadMaterial here{static_cast<double>(material.diffuse_reflectance.at(row, col)),
                                   static_cast<double>(material.translucency_mm.at(row, col))};
         if (!is_material(here) || !correction.at(row, col, here, change)) continue;

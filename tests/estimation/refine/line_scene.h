@@ -143,13 +143,18 @@ inline FittedMaps refine_columns(LineScene& scene, const ScatteringModel& model,
   }
   const auto transfer = HarmonicTransfer::create(std::nullopt, {}, scene.camera);
   const LitSurface surface = scene.surface();
-  const CorrectionInput input{.camera = scene.camera,
-                              .surface = surface,
-                              .projector_distance_mm = scene.distance_mm.view(),
-                              .model = model,
-                              .transfer = *transfer,
-                              .shape = scene.shape,
-                              .shifts_px = scene.shifts_px};
+  const StripeSet stripes{.shape = scene.shape, .shifts_px = scene.shifts_px};
+  const SceneGeometry geometry{.position_px = scene.position_px.view(),
+                               .gain = scene.gain.view(),
+                               .projector_distance_mm = scene.distance_mm.view(),
+                               .validity = scene.validity.view()};
+  const StripeScene stripe_scene{.camera = scene.camera,
+                                 .stripes = stripes,
+                                 .signals = measured,
+                                 .geometry = geometry,
+                                 .transfer = *transfer,
+                                 .model = model};
+  const CorrectionInput input{.scene = stripe_scene, .surface = surface};
   FittedMaps maps = fit_columns(scene, model);
   const Image<unsigned char> wanted(scene.height_px, scene.width_px, 1, 1);
   const SampleCorrection correction(scene.camera, 0, measured, wanted.view());

@@ -1,0 +1,362 @@
+#include "estimation/refinement.h"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <complex>
+#include <cstdio>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <utility>
+
+#include "estimation/geometry/light_directions.h"
+#include "estimation/geometry/triangulation.h"
+#include "estimation/profile/site_factors.h"
+#include "estimation/radiometry/illumination.h"
+#include "estimation/refine/apparent_position.h"
+#include "estimation/refine/near_discontinuity.h"
+#include "estimation/refine/sample_correction.h"
+
+namespace estimation {
+namespace {
+
+// One pass takes the median error of a simulated face's positions from 0.051 to 0.006 mm, the
+// second the 95th percentile from 0.13 to 0.08 mm, a third nothing.
+constexpr int kPositionPasses = 2;
+// Beside the end of the light each round leaves 40% of the last one's error.
+constexpr int kRounds = 4;
+// Light still comes from where the surface is too oblique for a fit.
+constexpr double kLeastCosine = 0.1;
+// A pixel whose surroundings change what it sees by this much is refined, wherever it lies.
+constexpr float kLeastChange = 0.01F;
+
+double sample(const Image<float>& image, int row, int col) {
+  return image.empty() ? std::numeric_limits<double>::quiet_NaN()
+                       : static_cast<double>(image.at(row, col));
+}
+
+// The stripes as the fit sees them: every image of the sweep is a sample of its own.
+std::optional<StripeSet> sweep_of(const MaterialInput& input) {
+  std::vector<const PatternKind*> kinds;
+  static const PatternKind kNone = Black{};
+  for (const PatternRate& pattern : input.signals.patterns) {
+    const auto* stripes = std::get_if<Stripes>(&pattern.pattern->kind);
+    const bool is_placed =
+        stripes == nullptr || !(stripes->axis == Axis::kColumn ? input.correspondence.column_px
+                                                               : input.correspondence.row_px)
+                                   .empty();
+    kinds.push_back(is_placed ? &pattern.pattern->kind : &kNone);
+  }
+  const auto chosen = choose_stripe_set(kinds);
+  if (!chosen) return std::nullopt;
+  StripeSet all{.axis = chosen->axis, .shape = chosen->shape};
+  for (std::size_t i = 0; i < chosen->shifts_px.size(); ++i)
+    for (const std::size_t source : chosen->sources[i]) {
+      all.shifts_px.push_back(chosen->shifts_px[i]);
+      all.sources.push_back({source});
+    }
+  return all;
+}
+
+// Further round the surface's bends than a fit is tried.
+SurfaceOptions lit_options(SurfaceOptions options) {
+  options.min_cos_projector = std::min(options.min_cos_projector, kLeastCosine);
+  options.min_cos_camera = std::min(options.min_cos_camera, kLeastCosine);
+  return options;
+}
+
+// A surface as light falls on it. Borrows what it is given.
+class LightScene {
+ public:
+  LightScene(const MaterialInput& input, const Surface& surface, Axis axis)
+      : input_(input),
+        surface_(surface),
+        pitch_mm_(axis == Axis::kColumn ? surface.column_pitch_mm : surface.row_pitch_mm),
+        position_px_(axis == Axis::kColumn ? input.correspondence.column_px
+                                           : input.correspondence.row_px),
+        projector_centre_mm_(
+            Stereo(input.manifest.calibration, input.manifest.camera).projector_centre_mm()),
+        gain_(surface.cos_projector.height_px(), surface.cos_projector.width_px()),
+        validity_(surface.validity) {
+    const Illumination light{
+        .vignetting = input.vignetting.view(),
+        .reference_distance_mm = input.manifest.calibration.irradiance->reference_distance_mm};
+    tbb::parallel_for(0, gain_.height_px(), [&](int row) {
+      for (int col = 0; col < gain_.width_px(); ++col) {
+        const double gain = light.at(sample(input.correspondence.column_px, row, col),
+                                     sample(input.correspondence.row_px, row, col),
+                                     sample(surface.cos_projector, row, col),
+                                     sample(surface.projector_distance_mm, row, col));
+        gain_.at(row, col) = static_cast<float>(gain);
+        if (!(gain > 0) || !std::isfinite(sample(pitch_mm_, row, col)) ||
+            !std::isfinite(sample(position_px_, row, col)))
+          validity_.at(row, col) |= kNoCorrespondence;
+      }
+    });
+    geometry_ = {.position_px = position_px_.view(),
+                 .gain = gain_.view(),
+                 .projector_distance_mm = surface.projector_distance_mm.view(),
+                 .validity = validity_.view()};
+    if (input.options.method == "lut" || !directionality_of(input.model).has_factors) return;
+    azimuths_ = light_azimuths(input.manifest.calibration, input.manifest.camera, surface, axis);
+    geometry_.directions = {.cos_incidence = surface.cos_projector.view(),
+                            .cos_exit = surface.cos_camera.view(),
+                            .incidence_azimuth_rad = azimuths_.incidence_rad.view(),
+                            .exit_azimuth_rad = azimuths_.exit_rad.view()};
+  }
+
+  LitSurface view() const {
+    const Surface& s = surface_;
+    return {
+        .position_mm = {s.position_mm[0].view(), s.position_mm[1].view(), s.position_mm[2].view()},
+        .normal = {s.normal[0].view(), s.normal[1].view(), s.normal[2].view()},
+        .position_px = position_px_.view(),
+        .pitch_mm = pitch_mm_.view(),
+        .gain = gain_.view(),
+        .cos_projector = s.cos_projector.view(),
+        .validity = validity_.view(),
+        .projector_centre_mm = projector_centre_mm_};
+  }
+
+  // As the fit would see it; borrows from this.
+  StripeScene stripe_scene(const StripeSet& stripes,
+                           std::span<const ImageView<const float>> signals) const {
+    return {.camera = input_.manifest.camera,
+            .stripes = stripes,
+            .signals = signals,
+            .geometry = geometry_,
+            .transfer = input_.transfer,
+            .model = input_.model};
+  }
+
+ private:
+  const MaterialInput& input_;
+  const Surface& surface_;
+  const Image<float>& pitch_mm_;
+  const Image<float>& position_px_;
+  Vec3 projector_centre_mm_;
+  Image<float> gain_;
+  Image<std::uint32_t> validity_;
+  LightAzimuths azimuths_;  // empty for models without directions
+  SceneGeometry geometry_;
+};
+
+BandMaterial material_of(const Maps& maps, int band) {
+  const auto b = static_cast<std::size_t>(band);
+  return {maps.diffuse_reflectance[b].view(), maps.translucency_mm[b].view()};
+}
+
+bool has_material(const Maps& maps) { return !maps.translucency_mm[0].empty(); }
+
+// Light reaches farthest in this one.
+int widest_band(const LitSurface& surface, const Maps& maps) {
+  int widest = 0;
+  double widest_mm = 0;
+  for (int band = 0; band < maps.band_count; ++band) {
+    const double translucency_mm = typical_translucency_mm(surface, material_of(maps, band));
+    if (translucency_mm > widest_mm) {
+      widest = band;
+      widest_mm = translucency_mm;
+    }
+  }
+  return widest;
+}
+
+class Refinement {
+ public:
+  Refinement(const RefinementInput& input, StripeSet stripes, Maps& maps)
+      : in_(input), stripes_(std::move(stripes)), maps_(maps) {
+    for (const auto& sources : stripes_.sources) {
+      Image<float>& rate = in_.signals.patterns[sources[0]].rate;
+      signals_.push_back(rate.view());
+      views_.push_back(rate.view());
+    }
+  }
+
+  MaterialResult run() {
+    for (int pass = 0; pass < kPositionPasses; ++pass) correct_position();
+    in_.surface = reconstructed(in_.surface_options);
+    const Surface lit_surface = reconstructed(lit_options(in_.surface_options));
+    const LightScene scene(in_.material, lit_surface, stripes_.axis);
+    const LitSurface surface = scene.view();
+    const Image<unsigned char> wanted = pixels_to_refine(surface);
+    std::vector<SampleCorrection> corrections;
+    for (int band = 0; band < maps_.band_count; ++band)
+      corrections.emplace_back(manifest().camera, band, views_, wanted.view());
+    MaterialResult result;
+    for (int round = 0; round < kRounds; ++round) {
+      for (int band = 0; band < maps_.band_count; ++band)
+        correct_samples(scene, surface, band, corrections[static_cast<std::size_t>(band)]);
+      result = fit();
+    }
+    note(corrections, result);
+    return result;
+  }
+
+ private:
+  const Manifest& manifest() const { return in_.material.manifest; }
+
+  Surface reconstructed(const SurfaceOptions& options) const {
+    return reconstruct_surface(manifest().calibration, manifest().camera, manifest().projector,
+                               in_.correspondence, options);
+  }
+
+  MaterialResult fit() {
+    for (int band = 0; band < maps_.band_count; ++band)
+      maps_.validity[static_cast<std::size_t>(band)] = in_.surface.validity;
+    return estimate_material(in_.material, maps_);
+  }
+
+  std::vector<SpreadField> fields_of(const LitSurface& surface) const {
+    std::vector<SpreadField> fields;
+    for (int band = 0; band < maps_.band_count; ++band)
+      fields.push_back(spread_field(manifest().camera, band, surface, material_of(maps_, band),
+                                    in_.material.model, stripes_.shape));
+    return fields;
+  }
+
+  void correct_position() {
+    const Surface lit_surface = reconstructed(lit_options(in_.surface_options));
+    const LightScene scene(in_.material, lit_surface, stripes_.axis);
+    const LitSurface surface = scene.view();
+    Correspondence& found = in_.correspondence;
+    const bool is_column = stripes_.axis == Axis::kColumn;
+    Image<float>& px = is_column ? found.column_px : found.row_px;
+    Image<float>& sd_px = is_column ? found.column_sd_px : found.row_sd_px;
+    const std::vector<Image<float>> oblique_px = oblique_shifts(scene, surface);
+    Position corrected = true_position({.camera = manifest().camera,
+                                        .stripes = stripes_,
+                                        .signals = views_,
+                                        .noise = in_.material.noise,
+                                        .oblique_px = oblique_px},
+                                       surface, fields_of(surface), sd_px.view());
+    px = std::move(corrected.px);
+    sd_px = std::move(corrected.sd_px);
+  }
+
+  // [band] by how much light's oblique ways move the stripes' phase; empty for models without such
+  // ways. NaN where the material is not known.
+  std::vector<Image<float>> oblique_shifts(const LightScene& scene,
+                                           const LitSurface& surface) const {
+    if (in_.material.options.method == "lut" || !directionality_of(in_.material.model).has_shift)
+      return {};
+    const StripeScene stripe_scene = scene.stripe_scene(stripes_, views_);
+    std::vector<Image<float>> shifts;
+    for (int band = 0; band < maps_.band_count; ++band) {
+      const BandMaterial material = material_of(maps_, band);
+      Image<float> shift_px(maps_.height_px, maps_.width_px, 1,
+                            std::numeric_limits<float>::quiet_NaN());
+      tbb::parallel_for(0, maps_.height_px, [&](int row) {
+        SiteFactors factors(stripe_scene, band, 1, 0);
+        for (int col = 0; col < maps_.width_px; ++col) {
+          const auto reflectance = static_cast<double>(material.diffuse_reflectance.at(row, col));
+          const double l_d_px = static_cast<double>(material.translucency_mm.at(row, col)) /
+                                static_cast<double>(surface.pitch_mm.at(row, col));
+          if (!surface.is_lit(row, col) || !(reflectance > 0 && reflectance < 1 && l_d_px > 0))
+            continue;
+          const std::complex<double> first = factors.at(
+              {row, col}, {.logit_reflectance = std::log(reflectance / (1 - reflectance)),
+                           .log_translucency_px = std::log(l_d_px)})[1];
+          shift_px.at(row, col) = static_cast<float>(std::arg(first) * stripes_.shape.period_px /
+                                                     (2 * std::numbers::pi));
+        }
+      });
+      shifts.push_back(std::move(shift_px));
+    }
+    return shifts;
+  }
+
+  // Near a discontinuity, or where the spread light of the band in which it reaches farthest says
+  // that the surface is not flat enough.
+  Image<unsigned char> pixels_to_refine(const LitSurface& surface) const {
+    const int band = widest_band(surface, maps_);
+    Image<unsigned char> wanted = near_discontinuity(surface, material_of(maps_, band));
+    const SpreadField field =
+        spread_field(manifest().camera, band, surface, material_of(maps_, band), in_.material.model,
+                     stripes_.shape);
+    if (field.rows == 0) return wanted;
+    const auto is_changed = [&](int i, int j) {
+      return field.is_known(i, j) && (std::abs(field.mean_at(i, j) - 1) > kLeastChange ||
+                                      std::abs(field.first_at(i, j) - 1.0F) > kLeastChange);
+    };
+    tbb::parallel_for(0, wanted.height_px(), [&](int row) {
+      for (int col = 0; col < wanted.width_px(); ++col) {
+        if (wanted.at(row, col) != 0 || !surface.is_lit(row, col)) continue;
+        const int i0 = row / field.stride_px, j0 = col / field.stride_px;
+        for (int i = i0; i <= std::min(i0 + 1, field.rows - 1); ++i)
+          for (int j = j0; j <= std::min(j0 + 1, field.cols - 1); ++j)
+            if (is_changed(i, j)) wanted.at(row, col) = 1;
+      }
+    });
+    return wanted;
+  }
+
+  void correct_samples(const LightScene& scene, const LitSurface& surface, int band,
+                       const SampleCorrection& correction) {
+    const auto of_band = [&](const std::vector<double>& values) {
+      return values[std::min(static_cast<std::size_t>(band), values.size() - 1)];
+    };
+    const Calibration& calibration = manifest().calibration;
+    const double signal_per_us = of_band(calibration.irradiance->signal_per_us);
+    const std::vector<double>& black = calibration.projector_black_dn_per_us;
+    const bool is_black_left_in = !in_.signals.is_black_subtracted && !black.empty();
+    const StripeScene stripe_scene = scene.stripe_scene(stripes_, views_);
+    correction.apply({.scene = stripe_scene, .surface = surface}, material_of(maps_, band),
+                     signal_per_us, is_black_left_in ? of_band(black) / signal_per_us : 0,
+                     signals_);
+  }
+
+  void note(const std::vector<SampleCorrection>& corrections, MaterialResult& result) const {
+    std::size_t refined = 0, valid = 0;
+    for (int band = 0; band < maps_.band_count; ++band) {
+      const auto b = static_cast<std::size_t>(band);
+      refined += corrections[b].site_count();
+      for (int row = 0; row < maps_.height_px; ++row)
+        for (int col = 0; col < maps_.width_px; ++col) {
+          valid += is_site(manifest().camera, band, row, col) &&
+                   (maps_.validity[b].at(row, col) & kValidityErrors) == 0;
+        }
+    }
+    const double percent =
+        valid > 0 ? 100.0 * static_cast<double>(refined) / static_cast<double>(valid) : 0;
+    char text[200];
+    std::snprintf(text, sizeof text,
+                  "refined with geometry: the positions of all pixels, and the samples of %.0f%% "
+                  "of the sites, near discontinuities and bends",
+                  std::min(percent, 100.0));
+    result.notes.emplace_back(text);
+  }
+
+  const RefinementInput& in_;
+  StripeSet stripes_;
+  Maps& maps_;
+  std::vector<ImageView<float>> signals_;
+  std::vector<ImageView<const float>> views_;
+};
+
+}  // namespace
+
+void mark_near_discontinuity(const MaterialInput& input, Maps& maps) {
+  const auto stripes = sweep_of(input);
+  if (!stripes || !has_material(maps)) return;
+  const LightScene scene(input, input.surface, stripes->axis);
+  const LitSurface surface = scene.view();
+  const Image<unsigned char> near =
+      near_discontinuity(surface, material_of(maps, widest_band(surface, maps)));
+  for (int band = 0; band < maps.band_count; ++band) {
+    Image<std::uint32_t>& validity = maps.validity[static_cast<std::size_t>(band)];
+    for (std::size_t i = 0; i < validity.samples().size(); ++i)
+      if (near.samples()[i] != 0 && (validity.samples()[i] & kValidityErrors) == 0)
+        validity.samples()[i] |= kNearDiscontinuity;
+  }
+}
+
+std::optional<MaterialResult> refine_material(const RefinementInput& input, Maps& maps) {
+  auto stripes = sweep_of(input.material);
+  if (!stripes || !has_material(maps)) return std::nullopt;
+  return Refinement(input, std::move(*stripes), maps).run();
+}
+
+}  // namespace estimation
