@@ -1,4 +1,4 @@
-"""R_d and exit radiance of half spaces by adding and doubling: the golden numbers of monte_carlo_test.cpp.
+"""R_d and exit radiance of half spaces by adding and doubling: the golden numbers of monte_carlo_truth_test.cpp.
 
 Plane-parallel radiative transfer in 2 x 100 streams either side of the critical angle, normal incidence,
 Henyey-Greenstein in 200 Legendre terms, Fresnel inside. Gives Chandrasekhar's anchors (design/science.md)

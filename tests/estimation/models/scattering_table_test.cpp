@@ -190,8 +190,8 @@ TEST(ScatteringTable, BrokenTextIsRefusedWithItsLine) {
 }
 
 TEST(UniformSpline, GoesThroughItsNodesEvenAtOneEndStraightBeyondTheOther) {
-  std::vector<double> values;
-  for (int i = 0; i < 12; ++i) values.push_back(std::cos(0.3 * i));
+  std::vector<double> values(12);
+  for (std::size_t i = 0; i < 12; ++i) values[i] = std::cos(0.3 * static_cast<double>(i));
   for (const SplineStart start : {SplineStart::kEven, SplineStart::kNatural}) {
     const std::vector<double> c = spline_coefficients(values, start);
     const auto at = [&](double place) { return SplinePlace(place, values.size()).sum(c.data()); };
