@@ -7,11 +7,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <memory>
 #include <numbers>
 #include <random>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -111,44 +109,6 @@ TEST(MonteCarloAngular, AgreesWithDirectWalksBetweenItsNodes) {
     }
   }
   std::printf("worst difference from direct walks: %.2f of what is allowed\n", worst);
-}
-
-// tests/data/mc_tilted.csv: the same walks with many more photons, flat phantoms tilted by 0 to 60
-// degrees and seen by a camera at 14.
-TEST(MonteCarloAngular, AgreesWithTheTiltedPhantoms) {
-  std::ifstream file(SSRIG_TEST_DATA "/mc_tilted.csv");
-  ASSERT_TRUE(file) << "tests/data/mc_tilted.csv";
-  double squares = 0, count = 0, worst = 0;
-  for (std::string line; std::getline(file, line);) {
-    if (line.empty() || line[0] == '#' || line.starts_with("medium")) continue;
-    SCOPED_TRACE(line);
-    std::stringstream cells(line);
-    std::string cell;
-    std::getline(cells, cell, ',');
-    std::vector<double> value;
-    while (std::getline(cells, cell, ',')) value.push_back(std::stod(cell));
-    ASSERT_EQ(value.size(), 11U);
-    const double absorption = value[0] / value[1], k_tmfp = 2 * pi * value[7] / value[1];
-    const Directions directions{value[2], value[4], value[3], value[5]};
-    const double transform = model().transform_at(s_of(absorption), k_tmfp);
-    const std::complex<double> truth = std::complex<double>(value[8], value[9]) / transform;
-    const std::complex<double> found = factor(absorption, k_tmfp, directions);
-    const double se = std::hypot(
-        value[10] / transform, model().factor_standard_error(s_of(absorption), k_tmfp, directions));
-    const double error = std::abs(found - truth) / std::abs(truth);
-    EXPECT_LT(error, 0.005 + 4 * se / std::abs(truth));
-    worst = std::max(worst, error);
-    if (k_tmfp < 1.2) {
-      squares += error * error;
-      ++count;
-      EXPECT_LT(error, 0.015);
-    }
-  }
-  ASSERT_GT(count, 20);
-  const double rms = std::sqrt(squares / count);
-  std::printf("tilted phantoms: rms difference %.2f%% for k up to 1.2 sigma_s', at most %.1f%%\n",
-              100 * rms, 100 * worst);
-  EXPECT_LT(rms, 0.0035);
 }
 
 // design/estimation.md, section 1: 0.12 mm at 14 degrees, 0.25 at 30, 0.35 at 45, 0.43 at 60 for
