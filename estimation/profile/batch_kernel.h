@@ -25,6 +25,9 @@ struct BatchPlan {
 
   const HarmonicTable* table = nullptr;
   const StartGrid* start = nullptr;
+  // [node][block] the largest value or first derivative among harmonics from 4 block + 1 on
+  const float* sizes = nullptr;
+  std::size_t block_count = 0;
   StripeShape shape;
   float projector_black_frac = 0;
   bool is_free = true;

@@ -31,7 +31,6 @@ constexpr std::size_t kLanes = hn::MaxLanes(D());
 
 // As in pixel_model.cpp.
 constexpr float kLeastSd = 1e-6F;
-constexpr float kTruncation = 30;
 
 struct Complex {
   V re, im;
@@ -89,7 +88,8 @@ struct NoiseOfPixel {
     const D d;
     count = plan.noise_count;
     for (std::size_t i = 0; i < count; ++i) {
-      read[i] = hn::Mul(hn::Set(d, plan.noise[i].read_variance), hn::Mul(per_full, per_full));
+      read[i] = hn::MulAdd(hn::Set(d, plan.noise[i].read_variance), hn::Mul(per_full, per_full),
+                           hn::Set(d, kLeastSd * kLeastSd));
       shot[i] = hn::Mul(hn::Set(d, plan.noise[i].shot_dn_per_us), per_full);
       per_width[i] = hn::Mul(hn::Set(d, plan.noise[i].per_width), full);
       middle[i] = hn::Set(d, plan.noise[i].middle);
@@ -105,7 +105,7 @@ struct NoiseOfPixel {
       const V own = hn::MulAdd(shot[i], light, read[i]);
       variance = hn::MulAdd(hn::Min(hn::Max(share, hn::Zero(d)), one), hn::Sub(variance, own), own);
     }
-    return hn::Max(variance, hn::Set(d, kLeastSd * kLeastSd));
+    return variance;
   }
 };
 
@@ -117,29 +117,51 @@ struct Sample {
 // The harmonics of a vector of pixels at one point of their search.
 class Harmonics {
  public:
-  // False in lanes whose table lacks harmonics that matter. Harmonics of lanes that are not wanted
-  // are zero.
-  HWY_INLINE M evaluate(const BatchPlan& plan, const SweepBasis& basis, const PixelBatch& batch,
-                        std::size_t first, V logit, V log, V position_px, V mean, V tolerance,
-                        M wanted) {
+  // For the pixels to come: which harmonics are left out, and which must not be missing, by their
+  // height in a sample.
+  HWY_INLINE void set_tolerance(const BatchPlan& plan, const PixelBatch& batch, std::size_t first,
+                                V tolerance, V truncation) {
     const D d;
+    for (std::size_t block = 0; block < plan.block_count; ++block) {
+      V power = hn::Set(d, 1e-20F);
+      for (std::size_t n = 4 * block + 1; n <= 4 * block + 4; ++n) {
+        const Complex f = factor_of(batch, n, first);
+        power = hn::Max(power, hn::MulAdd(f.re, f.re, hn::Mul(f.im, f.im)));
+      }
+      const V per_factor = hn::Div(hn::Set(d, 0.5F), hn::Sqrt(power));  // G = 2 a f
+      hn::Store(hn::Mul(tolerance, per_factor), d, least_size_[block]);
+      if (block + 1 == plan.block_count)
+        hn::Store(hn::Mul(truncation, per_factor), d, greatest_last_);
+    }
     // Harmonics without a factor are none.
-    const bool is_cut_off = plan.is_cut_off || (!batch.factor_re.empty() &&
-                                                batch.factor_count - 1 <= plan.harmonic_count);
-    const int blocks = load_nodes(plan, is_cut_off, logit, log, tolerance, wanted);
+    is_cut_off_ = plan.is_cut_off ||
+                  (!batch.factor_re.empty() && batch.factor_count - 1 <= plan.harmonic_count);
+  }
+
+  // False in lanes whose table lacks harmonics that matter. Lanes that are not wanted may hold
+  // anything finite. `coarseness` multiplies the tolerance.
+  HWY_INLINE M evaluate(const BatchPlan& plan, const SweepBasis& basis, const PixelBatch& batch,
+                        std::size_t first, V logit, V log, V position_px, V mean, M wanted,
+                        float coarseness) {
+    const D d;
+    const std::size_t blocks = load_nodes(plan, logit, log, wanted, coarseness);
     const float period_px = static_cast<float>(plan.shape.period_px);
-    const Complex turn = unit_at(hn::Mul(position_px, hn::Set(d, 1 / period_px)));
-    count_ = std::min(static_cast<std::size_t>(4 * blocks),
-                      static_cast<std::size_t>(plan.harmonic_count));
-    bin_count_ = std::min(count_ + 1, basis.bin_stride);
     per_period_ = 1 / period_px;
-    clear_bins(count_, basis);
+    const Complex turn = unit_at(hn::Mul(position_px, hn::Set(d, per_period_)));
+    const std::size_t count = std::min(4 * blocks, static_cast<std::size_t>(plan.harmonic_count));
+    bin_count_ = std::min(count + 1, basis.bin_stride);
+    for (std::size_t part = 0; part < kParts; ++part) bins_[0][part] = hn::Zero(d);
     bins_[0][kValueRe] = mean;
     Complex unit = turn;
-    for (std::size_t n = 1; n <= count_; ++n) {
-      add_harmonic(batch, basis, first, n, unit,
-                   static_cast<float>(2 * std::numbers::pi) / period_px);
-      unit = times(unit, turn);
+    for (std::size_t block = 0; 4 * block < count; ++block) {
+      V values[3][4];  // [value, d/dt, d/dlambda][harmonic]
+      for (std::size_t value = 0; value < 3; ++value)
+        harmonics_of_block(value, block, values[value]);
+      for (std::size_t i = 0; i < 4 && 4 * block + i < count; ++i) {
+        set_harmonic(batch, basis, first, 4 * block + i + 1, unit, values[0][i], values[1][i],
+                     values[2][i]);
+        unit = times(unit, turn);
+      }
     }
     return hn::RebindMask(d, hn::Ne(hn::Load(DI(), suffices_), hn::Zero(DI())));
   }
@@ -160,16 +182,19 @@ class Harmonics {
   // Parts of a bin: real and imaginary part of the value and its derivatives.
   enum Part { kValueRe, kValueIm, kLogitRe, kLogitIm, kLogRe, kLogIm, kPhaseRe, kPhaseIm, kParts };
   using Bin = V[kParts];
+  using Sums4 = V[4];  // of a sample's value and derivatives
 
   // Taylor terms of each lane's node, evaluated there: [value, d/dt, d/dlambda][block], harmonic
   // by harmonic, four at a time, such that a vector holds the same four of lanes i, 4 + i, 8 + i
   // ...
   static constexpr std::size_t kRowFloats = kLanes < 4 ? 4 : kLanes;
-  static constexpr std::size_t kMostBlocks = kMostBatchHarmonics / 4;
+  static constexpr std::size_t kMostBlocks = kMostBatchHarmonics / 4 + 1;
 
-  HWY_INLINE int load_nodes(const BatchPlan& plan, bool is_cut_off, V logit, V log, V tolerance,
-                            M wanted) {
+  // Returns the number of blocks that some lane has.
+  HWY_INLINE std::size_t load_nodes(const BatchPlan& plan, V logit, V log, M wanted,
+                                    float coarseness) {
     const D d;
+    const DI di;
     const HarmonicTable& table = *plan.table;
     const auto place = [&](V at, double least, double step, int count) HWY_ATTR {
       const V index = hn::Round(hn::Mul(hn::Sub(at, hn::Set(d, static_cast<float>(least))),
@@ -183,26 +208,35 @@ class Harmonics {
       return hn::NegMulAdd(index, hn::Set(d, static_cast<float>(step)),
                            hn::Sub(at, hn::Set(d, static_cast<float>(first))));
     };
-    HWY_ALIGN float dt[kLanes], dl[kLanes], least_size[kLanes];
-    HWY_ALIGN std::int32_t rows[kLanes], cols[kLanes];
+    HWY_ALIGN float dt[kLanes], dl[kLanes];
+    HWY_ALIGN std::int32_t rows[kLanes], cols[kLanes], is_wanted[kLanes];
     hn::Store(rest(logit, row, least.logit_reflectance, table.logit_step()), d, dt);
     hn::Store(rest(log, col, least.log_translucency_px, table.log_step()), d, dl);
-    hn::Store(hn::IfThenElse(wanted, tolerance, hn::Set(d, 1e30F)), d, least_size);
-    hn::Store(hn::ConvertTo(DI(), row), DI(), rows);
-    hn::Store(hn::ConvertTo(DI(), col), DI(), cols);
-    int used[kLanes];
-    int most = 1;
+    hn::Store(hn::ConvertTo(di, row), di, rows);
+    hn::Store(hn::ConvertTo(di, col), di, cols);
+    hn::Store(hn::BitCast(di, hn::VecFromMask(d, wanted)), di, is_wanted);
+    const float* const nodes = table.node(0, 0).data();
+    const std::size_t stride = table.harmonic_stride();
+    std::size_t used[kLanes];
+    std::size_t most = 1;
+    const std::size_t last = plan.block_count - 1;
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      used[lane] = load_node(plan, is_cut_off, table.node(rows[lane], cols[lane]).data(), dt[lane],
-                             dl[lane], least_size[lane], lane);
-      most = std::max(most, used[lane]);
+      const auto node = static_cast<std::size_t>(rows[lane] * table.cols() + cols[lane]);
+      const float* const sizes = plan.sizes + node * plan.block_count;
+      std::size_t count = is_wanted[lane] != 0 ? plan.block_count : 1;
+      while (count > 1 && sizes[count - 1] < coarseness * least_size_[count - 1][lane]) --count;
+      suffices_[lane] = is_cut_off_ || sizes[last] <= greatest_last_[lane] ? 1 : 0;
+      load_node(nodes + node * HarmonicTable::kTerms * stride, stride, dt[lane], dl[lane], count,
+                lane);
+      used[lane] = count;
+      most = std::max(most, count);
     }
     const hn::CappedTag<float, 4> d4;
     for (std::size_t lane = 0; lane < kLanes; ++lane)
-      for (int block = used[lane]; block < most; ++block)
+      for (std::size_t block = used[lane]; block < most; ++block)
         for (std::size_t value = 0; value < 3; ++value)
           for (std::size_t i = 0; i < 4; i += hn::Lanes(d4))
-            hn::Store(hn::Zero(d4), d4, slot(value, static_cast<std::size_t>(block), lane) + i);
+            hn::Store(hn::Zero(d4), d4, slot(value, block, lane) + i);
     return most;
   }
 
@@ -210,121 +244,145 @@ class Harmonics {
     return nodes_[value][block][lane % 4] + 4 * (lane / 4);
   }
 
-  // Returns how many blocks of four rise above `least_size`, at least one.
-  HWY_INLINE int load_node(const BatchPlan& plan, bool is_cut_off, const float* HWY_RESTRICT node,
-                           float dt, float dl, float least_size, std::size_t lane) {
-    const hn::CappedTag<float, 4> d4;
-    const std::size_t stride = plan.table->harmonic_stride();
-    const int most = (plan.harmonic_count + 3) / 4;
-    const auto vt = hn::Set(d4, dt), vl = hn::Set(d4, dl);
-    const auto floor = hn::Set(d4, least_size), cut_floor = hn::Set(d4, kTruncation * least_size);
-    bool suffices = true;
-    int block = 0;
-    for (; block < most; ++block) {
-      bool is_small = true;
-      for (std::size_t i = 0; i < 4; i += hn::Lanes(d4)) {
-        const float* const at = node + 4 * static_cast<std::size_t>(block) + i;
-        const auto a = hn::LoadU(d4, at), t = hn::LoadU(d4, at + stride),
-                   l = hn::LoadU(d4, at + 2 * stride), tt = hn::LoadU(d4, at + 3 * stride),
-                   tl = hn::LoadU(d4, at + 4 * stride), ll = hn::LoadU(d4, at + 5 * stride);
-        const auto size = hn::Max(hn::Abs(a), hn::Max(hn::Abs(t), hn::Abs(l)));
-        is_small = is_small && hn::AllTrue(d4, hn::Lt(size, floor));
-        suffices = block + 1 < most || is_cut_off || hn::AllTrue(d4, hn::Lt(size, cut_floor));
-        const auto ttt = hn::Mul(vt, tt), lll = hn::Mul(vl, ll);
-        const auto by_t = hn::MulAdd(vl, tl, hn::Add(t, ttt));  // half of tt's share to come
-        const auto value = hn::MulAdd(vl, hn::Add(l, lll), hn::MulAdd(vt, by_t, a));
-        const auto by_l = hn::MulAdd(vt, tl, hn::Add(l, hn::Add(lll, lll)));
-        const auto b = static_cast<std::size_t>(block);
-        hn::Store(value, d4, slot(0, b, lane) + i);
-        hn::Store(hn::Add(by_t, ttt), d4, slot(1, b, lane) + i);
-        hn::Store(by_l, d4, slot(2, b, lane) + i);
-      }
-      if (is_small && block > 0) break;
+  // Two blocks at a time where vectors are long enough: the table's rows are padded to eight, and a
+  // block too many is not used.
+  HWY_INLINE void load_node(const float* HWY_RESTRICT node, std::size_t stride, float dt, float dl,
+                            std::size_t block_count, std::size_t lane) {
+    const hn::CappedTag<float, 8> d8;
+    [[maybe_unused]] const hn::CappedTag<float, 4> d4;
+    const auto vt = hn::Set(d8, dt), vl = hn::Set(d8, dl);
+    const auto put = [&](std::size_t value, std::size_t n, auto terms) HWY_ATTR {
+      float* const at = slot(value, n / 4, lane) + n % 4;
+#if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3
+      hn::Store(hn::LowerHalf(terms), d4, at);
+      hn::Store(hn::UpperHalf(d4, terms), d4, slot(value, n / 4 + 1, lane));
+#else
+      hn::Store(terms, d8, at);
+#endif
+    };
+    for (std::size_t n = 0; n < 4 * block_count; n += hn::Lanes(d8)) {
+      const float* const at = node + n;
+      const auto a = hn::LoadU(d8, at), t = hn::LoadU(d8, at + stride),
+                 l = hn::LoadU(d8, at + 2 * stride), tt = hn::LoadU(d8, at + 3 * stride),
+                 tl = hn::LoadU(d8, at + 4 * stride), ll = hn::LoadU(d8, at + 5 * stride);
+      const auto half_t = hn::MulAdd(vl, tl, hn::MulAdd(vt, tt, t));  // lacks tt once more
+      const auto half_l = hn::MulAdd(vl, ll, l);
+      put(0, n, hn::MulAdd(vl, half_l, hn::MulAdd(vt, half_t, a)));
+      put(1, n, hn::MulAdd(vt, tt, half_t));
+      put(2, n, hn::MulAdd(vt, tl, hn::MulAdd(vl, ll, half_l)));
     }
-    suffices_[lane] = suffices ? 1 : 0;
-    return block;
   }
 
-  // Harmonic n = 4 block + i + 1 of all lanes.
-  HWY_INLINE V node_value(std::size_t value, std::size_t n) const {
+  // The block's four harmonics, each of all lanes.
+  HWY_INLINE void harmonics_of_block(std::size_t value, std::size_t block, V (&out)[4]) const {
     const D d;
-    const std::size_t block = (n - 1) / 4, i = (n - 1) % 4;
+    const auto& rows = nodes_[value][block];
 #if HWY_TARGET == HWY_SCALAR
-    return hn::Load(d, nodes_[value][block][0] + i);
+    for (std::size_t i = 0; i < 4; ++i) out[i] = hn::Load(d, rows[0] + i);
 #else
+    // Four by four, in every 128 bits.
     const hn::Repartition<double, D> wide;
-    const auto load = [&](std::size_t row)
-                          HWY_ATTR { return hn::Load(d, nodes_[value][block][row]); };
-    const bool is_upper = i >= 2;
-    const V pair01 = is_upper ? hn::InterleaveUpper(d, load(0), load(1))
-                              : hn::InterleaveLower(d, load(0), load(1));
-    const V pair23 = is_upper ? hn::InterleaveUpper(d, load(2), load(3))
-                              : hn::InterleaveLower(d, load(2), load(3));
-    const auto a = hn::BitCast(wide, pair01), b = hn::BitCast(wide, pair23);
-    return hn::BitCast(
-        d, i % 2 == 0 ? hn::InterleaveLower(wide, a, b) : hn::InterleaveUpper(wide, a, b));
+    const V row0 = hn::Load(d, rows[0]), row1 = hn::Load(d, rows[1]), row2 = hn::Load(d, rows[2]),
+            row3 = hn::Load(d, rows[3]);
+    const auto low01 = hn::BitCast(wide, hn::InterleaveLower(d, row0, row1)),
+               low23 = hn::BitCast(wide, hn::InterleaveLower(d, row2, row3)),
+               high01 = hn::BitCast(wide, hn::InterleaveUpper(d, row0, row1)),
+               high23 = hn::BitCast(wide, hn::InterleaveUpper(d, row2, row3));
+    out[0] = hn::BitCast(d, hn::InterleaveLower(wide, low01, low23));
+    out[1] = hn::BitCast(d, hn::InterleaveUpper(wide, low01, low23));
+    out[2] = hn::BitCast(d, hn::InterleaveLower(wide, high01, high23));
+    out[3] = hn::BitCast(d, hn::InterleaveUpper(wide, high01, high23));
 #endif
   }
 
-  HWY_INLINE void clear_bins(std::size_t harmonic_count, const SweepBasis& basis) {
-    const std::size_t count = std::min(harmonic_count + 1, basis.bin_stride);
-    for (std::size_t bin = 0; bin < count; ++bin)
-      for (V& part : bins_[bin]) part = hn::Zero(D());
-  }
-
-  HWY_INLINE void add_harmonic(const PixelBatch& batch, const SweepBasis& basis, std::size_t first,
-                               std::size_t n, Complex unit, float wave_per_px) {
+  // Harmonics come in rising order: the first of a bin sets it, those folded into it add.
+  HWY_INLINE void set_harmonic(const PixelBatch& batch, const SweepBasis& basis, std::size_t first,
+                               std::size_t n, Complex unit, V a, V by_logit, V by_log) {
     const D d;
-    const V a = node_value(0, n), by_logit = node_value(1, n), by_log = node_value(2, n);
     Complex g = batch.factor_re.empty() ? unit : times(unit, factor_of(batch, n, first));
     g = {hn::Add(g.re, g.re), hn::Add(g.im, g.im)};
-    if (basis.is_mirrored[n]) g.im = hn::Neg(g.im);
+    const float wave_per_px = static_cast<float>(2 * std::numbers::pi) * per_period_;
+    const V turned = hn::Mul(a, hn::Set(d, wave_per_px * static_cast<float>(n)));
+    const V parts[kParts] = {hn::Mul(a, g.re),
+                             hn::Mul(a, g.im),
+                             hn::Mul(by_logit, g.re),
+                             hn::Mul(by_logit, g.im),
+                             hn::Mul(by_log, g.re),
+                             hn::Mul(by_log, g.im),
+                             hn::Neg(hn::Mul(turned, g.im)),
+                             hn::Mul(turned, g.re)};
+    if (n < basis.bin_stride) {
+      for (std::size_t part = 0; part < kParts; ++part) bins_[n][part] = parts[part];
+      return;
+    }
     V* const bin = bins_[basis.bin_of[n]];
-    bin[kValueRe] = hn::MulAdd(a, g.re, bin[kValueRe]);
-    bin[kValueIm] = hn::MulAdd(a, g.im, bin[kValueIm]);
-    bin[kLogitRe] = hn::MulAdd(by_logit, g.re, bin[kLogitRe]);
-    bin[kLogitIm] = hn::MulAdd(by_logit, g.im, bin[kLogitIm]);
-    bin[kLogRe] = hn::MulAdd(by_log, g.re, bin[kLogRe]);
-    bin[kLogIm] = hn::MulAdd(by_log, g.im, bin[kLogIm]);
-    const float sign = basis.is_mirrored[n] ? -1.0F : 1.0F;
-    const V turned = hn::Mul(a, hn::Set(d, sign * wave_per_px * static_cast<float>(n)));
-    bin[kPhaseRe] = hn::NegMulAdd(turned, g.im, bin[kPhaseRe]);
-    bin[kPhaseIm] = hn::MulAdd(turned, g.re, bin[kPhaseIm]);
+    for (std::size_t part = 0; part < kParts; part += 2) {
+      bin[part] = hn::Add(bin[part], parts[part]);
+      bin[part + 1] = basis.is_mirrored[n] ? hn::Sub(bin[part + 1], parts[part + 1])
+                                           : hn::Add(bin[part + 1], parts[part + 1]);
+    }
   }
 
   template <typename Add>
   HWY_INLINE void for_quartered(const SweepBasis& basis, const Add& add) const {
-    const std::size_t quarter = basis.sample_count / 4;
-    for (std::size_t j = 0; j <= quarter; ++j) {
-      const float* const waves = basis.waves.data() + 2 * j * basis.bin_stride;
-      Sums4 even_cos, even_sin, odd_cos, odd_sin;
-      for (std::size_t f = 0; f < 4; ++f) {
-        even_cos[f] = bins_[0][2 * f];
-        even_sin[f] = odd_cos[f] = odd_sin[f] = hn::Zero(D());
-      }
-      for (std::size_t bin = 1; bin < bin_count_; bin += 2) add_bin(waves, bin, odd_cos, odd_sin);
-      for (std::size_t bin = 2; bin < bin_count_; bin += 2) add_bin(waves, bin, even_cos, even_sin);
-      Sums4 near, far, near_sin, far_sin;
-      for (std::size_t f = 0; f < 4; ++f) {
-        near[f] = hn::Add(even_cos[f], odd_cos[f]);
-        far[f] = hn::Sub(even_cos[f], odd_cos[f]);
-        near_sin[f] = hn::Add(even_sin[f], odd_sin[f]);
-        far_sin[f] = hn::Sub(even_sin[f], odd_sin[f]);
-      }
-      const auto plus = [](const Sums4& a, const Sums4& b) HWY_ATTR {
-        return Sample{hn::Add(a[0], b[0]), hn::Add(a[1], b[1]), hn::Add(a[2], b[2]),
-                      hn::Add(a[3], b[3])};
-      };
-      const auto minus = [](const Sums4& a, const Sums4& b) HWY_ATTR {
-        return Sample{hn::Sub(a[0], b[0]), hn::Sub(a[1], b[1]), hn::Sub(a[2], b[2]),
-                      hn::Sub(a[3], b[3])};
-      };
-      add(j, plus(near, near_sin));
-      if (j < quarter) add(2 * quarter + j, plus(far, far_sin));
-      if (j == 0) continue;
-      add(4 * quarter - j, minus(near, near_sin));
-      if (j < quarter) add(2 * quarter - j, minus(far, far_sin));
+    add_ends(basis, add);
+    for (std::size_t j = 1; j < basis.sample_count / 4; ++j) add_quadruple(basis, j, add);
+  }
+
+  // Samples j, S/2 - j, S/2 + j and S - j.
+  template <typename Add>
+  HWY_INLINE void add_quadruple(const SweepBasis& basis, std::size_t j, const Add& add) const {
+    const std::size_t half = basis.sample_count / 2;
+    const float* const waves = basis.waves.data() + 2 * j * basis.bin_stride;
+    Sums4 odd_cos, odd_sin, even_cos, even_sin;
+    for (std::size_t f = 0; f < 4; ++f) {
+      even_cos[f] = bins_[0][2 * f];
+      odd_cos[f] = odd_sin[f] = even_sin[f] = hn::Zero(D());
     }
+    add_bins(waves, 1, odd_cos, odd_sin);
+    add_bins(waves, 2, even_cos, even_sin);
+    Sums4 near, far, near_sin, far_sin;
+    for (std::size_t f = 0; f < 4; ++f) {
+      near[f] = hn::Add(even_cos[f], odd_cos[f]);
+      far[f] = hn::Sub(even_cos[f], odd_cos[f]);
+      near_sin[f] = hn::Add(even_sin[f], odd_sin[f]);
+      far_sin[f] = hn::Sub(even_sin[f], odd_sin[f]);
+    }
+    add(j, plus(near, near_sin));
+    add(half - j, minus(far, far_sin));
+    add(half + j, plus(far, far_sin));
+    add(2 * half - j, minus(near, near_sin));
+  }
+
+  // Samples 0 and S/2, which have no sines, S/4 and 3 S/4, whose odd harmonics have no cosines and
+  // whose even ones no sines.
+  template <typename Add>
+  HWY_INLINE void add_ends(const SweepBasis& basis, const Add& add) const {
+    const std::size_t quarter = basis.sample_count / 4;
+    const float* const waves = basis.waves.data() + 2 * quarter * basis.bin_stride;
+    Sums4 even, odd, even_turned, odd_turned;
+    for (std::size_t f = 0; f < 4; ++f) {
+      even[f] = even_turned[f] = bins_[0][2 * f];
+      odd[f] = odd_turned[f] = hn::Zero(D());
+    }
+    for (std::size_t bin = 1; bin < bin_count_; bin += 2) {
+      const V sine = hn::Set(D(), waves[2 * bin + 1]);
+      for (std::size_t f = 0; f < 4; ++f) {
+        odd[f] = hn::Add(odd[f], bins_[bin][2 * f]);
+        odd_turned[f] = hn::MulAdd(bins_[bin][2 * f + 1], sine, odd_turned[f]);
+      }
+    }
+    for (std::size_t bin = 2; bin < bin_count_; bin += 2) {
+      const V cosine = hn::Set(D(), waves[2 * bin]);
+      for (std::size_t f = 0; f < 4; ++f) {
+        even[f] = hn::Add(even[f], bins_[bin][2 * f]);
+        even_turned[f] = hn::MulAdd(bins_[bin][2 * f], cosine, even_turned[f]);
+      }
+    }
+    add(0, plus(even, odd));
+    add(2 * quarter, minus(even, odd));
+    add(quarter, plus(even_turned, odd_turned));
+    add(3 * quarter, minus(even_turned, odd_turned));
   }
 
   template <typename Add>
@@ -333,9 +391,9 @@ class Harmonics {
       const float* const waves = basis.waves.data() + 2 * j * basis.bin_stride;
       Sums4 cosines, sines;
       for (std::size_t f = 0; f < 4; ++f) cosines[f] = bins_[0][2 * f], sines[f] = hn::Zero(D());
-      for (std::size_t bin = 1; bin < bin_count_; ++bin) add_bin(waves, bin, cosines, sines);
-      add(j, Sample{hn::Add(cosines[0], sines[0]), hn::Add(cosines[1], sines[1]),
-                    hn::Add(cosines[2], sines[2]), hn::Add(cosines[3], sines[3])});
+      add_bins(waves, 1, cosines, sines);
+      add_bins(waves, 2, cosines, sines);
+      add(j, plus(cosines, sines));
     }
   }
 
@@ -361,25 +419,37 @@ class Harmonics {
         }
         unit = times(unit, turn);
       }
-      add(j, Sample{hn::Add(cosines[0], sines[0]), hn::Add(cosines[1], sines[1]),
-                    hn::Add(cosines[2], sines[2]), hn::Add(cosines[3], sines[3])});
+      add(j, plus(cosines, sines));
     }
   }
 
-  using Sums4 = V[4];
-
-  HWY_INLINE void add_bin(const float* waves, std::size_t bin, Sums4& cosines, Sums4& sines) const {
-    const V cosine = hn::Set(D(), waves[2 * bin]), sine = hn::Set(D(), waves[2 * bin + 1]);
-    for (std::size_t f = 0; f < 4; ++f) {
-      cosines[f] = hn::MulAdd(bins_[bin][2 * f], cosine, cosines[f]);
-      sines[f] = hn::MulAdd(bins_[bin][2 * f + 1], sine, sines[f]);
+  // Adds every second bin from `first_bin` on.
+  HWY_INLINE void add_bins(const float* waves, std::size_t first_bin, Sums4& cosines,
+                           Sums4& sines) const {
+    const D d;
+    for (std::size_t bin = first_bin; bin < bin_count_; bin += 2) {
+      const V cosine = hn::Set(d, waves[2 * bin]), sine = hn::Set(d, waves[2 * bin + 1]);
+      for (std::size_t f = 0; f < 4; ++f) {
+        cosines[f] = hn::MulAdd(bins_[bin][2 * f], cosine, cosines[f]);
+        sines[f] = hn::MulAdd(bins_[bin][2 * f + 1], sine, sines[f]);
+      }
     }
+  }
+
+  static HWY_INLINE Sample plus(const Sums4& a, const Sums4& b) {
+    return {hn::Add(a[0], b[0]), hn::Add(a[1], b[1]), hn::Add(a[2], b[2]), hn::Add(a[3], b[3])};
+  }
+  static HWY_INLINE Sample minus(const Sums4& a, const Sums4& b) {
+    return {hn::Sub(a[0], b[0]), hn::Sub(a[1], b[1]), hn::Sub(a[2], b[2]), hn::Sub(a[3], b[3])};
   }
 
   HWY_ALIGN float nodes_[3][kMostBlocks][4][kRowFloats];
+  HWY_ALIGN float least_size_[kMostBlocks][kLanes];  // of a block that matters
+  HWY_ALIGN float greatest_last_[kLanes];            // of the table's last block
   HWY_ALIGN std::int32_t suffices_[kLanes];
   Bin bins_[kMostBatchHarmonics + 1];
-  std::size_t count_ = 0, bin_count_ = 0;
+  std::size_t bin_count_ = 0;
+  bool is_cut_off_ = false;
   float per_period_ = 0;
 };
 

@@ -39,6 +39,28 @@ bool is_for_vectors(const FitProblem& problem) {
          !problem.noise.empty() && problem.noise.size() <= BatchPlan::kMostNoise;
 }
 
+// BatchPlan::sizes.
+std::vector<float> sizes_of(const HarmonicTable& table, std::size_t block_count) {
+  std::vector<float> sizes;
+  sizes.reserve(static_cast<std::size_t>(table.rows()) * static_cast<std::size_t>(table.cols()) *
+                block_count);
+  const auto count = static_cast<std::size_t>(table.harmonic_count());
+  for (int row = 0; row < table.rows(); ++row)
+    for (int col = 0; col < table.cols(); ++col) {
+      const std::span<const float> node = table.node(row, col);
+      const std::size_t first = sizes.size();
+      sizes.resize(first + block_count);
+      float size = 0;
+      for (std::size_t block = block_count; block-- > 0;) {
+        for (std::size_t n = 4 * block; n < std::min(4 * block + 4, count); ++n)
+          for (std::size_t term = 0; term < 3; ++term)
+            size = std::max(size, std::abs(node[term * table.harmonic_stride() + n]));
+        sizes[first + block] = size;
+      }
+    }
+  return sizes;
+}
+
 // variance_at's entries.
 BatchPlan::Noise in_floats(const MergedNoise& noise) {
   const double variance = noise.read_variance + noise.shot_dn_per_us * noise.up_to_dn_per_us;
@@ -75,6 +97,9 @@ class BatchFitter::Prepared {
     }
     start_.emplace(*problem.table, problem.indirect, basis_->second);
     plan_.table = problem.table;
+    plan_.block_count = static_cast<std::size_t>(harmonic_count + 3) / 4;
+    sizes_ = sizes_of(*problem.table, plan_.block_count);
+    plan_.sizes = sizes_.data();
     plan_.start = &*start_;
     plan_.shape = problem.shape;
     plan_.projector_black_frac = static_cast<float>(problem.projector_black_frac);
@@ -107,6 +132,7 @@ class BatchFitter::Prepared {
   FitProblem problem_;
   std::optional<SweepBasis> basis_;  // of the nominal shifts; none: all is left to fit_pixel
   std::optional<StartGrid> start_;
+  std::vector<float> sizes_;
   BatchPlan plan_;
 };
 

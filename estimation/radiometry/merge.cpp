@@ -28,13 +28,15 @@ std::vector<ExposedFrame> in_fixed_order(std::span<const ExposedFrame> frames) {
 class BracketRows {
  public:
   BracketRows(std::span<const ExposedFrame> frames, const CameraBlack& black, std::size_t width)
-      : frames_(frames), black_(black), width_(width), black_dn_(frames.size() * width) {}
+      : frames_(frames), black_(black), width_(width), black_dn_(frames.size() * width) {
+    if (black.is_one_level()) black.row(0, 0, black_dn_);
+  }
 
   std::span<const ExposedRow> at(int row) {
     rows_.clear();
     for (std::size_t i = 0; i < frames_.size(); ++i) {
       const std::span<float> black_dn{black_dn_.data() + i * width_, width_};
-      black_.row(frames_[i].exposure_us, row, black_dn);
+      if (!black_.is_one_level()) black_.row(frames_[i].exposure_us, row, black_dn);
       rows_.push_back({.dn = frames_[i].dn.row(row).data(),
                        .black_dn = black_dn.data(),
                        .exposure_us = static_cast<float>(frames_[i].exposure_us)});

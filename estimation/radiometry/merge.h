@@ -25,6 +25,8 @@ class CameraBlack {
   // The black of one row at one exposure, DN, into `out` (one value a sample).
   void row(double exposure_us, int row, std::span<float> out) const;
 
+  bool is_one_level() const { return darks_.empty(); }  // whatever the exposure
+
   // Of an average pixel, for noise models. DN.
   double mean_dn(double exposure_us) const;
 
