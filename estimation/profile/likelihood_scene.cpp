@@ -9,6 +9,7 @@
 #include <numbers>
 #include <utility>
 
+#include "estimation/profile/gather_samples.h"
 #include "estimation/profile/site_factors.h"
 #include "estimation/session/maps.h"
 
@@ -100,7 +101,7 @@ std::optional<Occupied> occupied(const BatchFit& fit, std::size_t count) {
                   .typical = {logit.middle, log.middle}};
 }
 
-// One tile's pixels as fit_batch takes them. One per thread, used again and again.
+// One tile's pixels as BatchFitter takes them. One per thread, used again and again.
 class Tile {
  public:
   Tile(const StripeScene& scene, const BandRadiometry& radiometry, int harmonic_count,
@@ -111,6 +112,7 @@ class Tile {
         channel_(channel_of(scene.camera, radiometry.band)),
         factors_(scene, radiometry.band, harmonic_count, correction.blur_px2),
         factor_count_(static_cast<std::size_t>(harmonic_count) + 1),
+        elements_(kTile),
         samples_(scene.signals.size() * kTile),
         position_px_(kTile),
         full_signal_(kTile) {
@@ -124,47 +126,26 @@ class Tile {
   }
 
   // Fits up to kTile sites; the result stays until the next call.
-  const BatchFit& fit(const FitProblem& problem, std::span<const Site> sites, ShapePoint typical) {
+  const BatchFit& fit(const BatchFitter& fitter, std::span<const Site> sites, ShapePoint typical) {
     load(sites, typical);
-    fit_loaded(problem, sites.size());
+    fitter.fit(batch(sites.size()), fit_);
     for (int round = 1; factors_.needs_material() && round < kDirectionRounds; ++round) {
       for (std::size_t i = 0; i < sites.size(); ++i)
         if ((fit_.validity[i] & kValidityErrors) == 0)
           set_factors(i, factors_.at(sites[i], {static_cast<double>(fit_.logit_reflectance[i]),
                                                 static_cast<double>(fit_.log_translucency_px[i])}));
-      fit_loaded(problem, sites.size());
+      fitter.fit(batch(sites.size()), fit_);
     }
     return fit_;
   }
 
  private:
-  // Without a table, which the vectors of fit_batch need, pixel by pixel.
-  void fit_loaded(const FitProblem& problem, std::size_t count) {
-    const PixelBatch pixels = batch(count);
-    if (problem.table != nullptr) return fit_batch(problem, pixels, fit_);
-    for (std::size_t i = 0; i < count; ++i) store(fit_pixel(problem, pixels, i), i);
-  }
-
-  void store(const PixelFit& pixel, std::size_t i) {
-    fit_.logit_reflectance[i] = static_cast<float>(pixel.logit_reflectance);
-    fit_.log_translucency_px[i] = static_cast<float>(pixel.log_translucency_px);
-    fit_.indirect[i] = static_cast<float>(pixel.indirect);
-    fit_.phase_px[i] = static_cast<float>(pixel.phase_px);
-    for (std::size_t c = 0; c < pixel.covariance.size(); ++c)
-      fit_.covariance[c * fit_.stride + i] = static_cast<float>(pixel.covariance[c]);
-    fit_.reduced_chi_square[i] =
-        static_cast<float>(pixel.chi_square / std::max(pixel.degrees_of_freedom, 1));
-    fit_.validity[i] = pixel.validity;
-  }
-
   void load(std::span<const Site> sites, ShapePoint typical) {
-    for (std::size_t shift = 0; shift < scene_.signals.size(); ++shift) {
-      const ImageView<const float>& signal = scene_.signals[shift];
-      float* const out = samples_.data() + shift * kTile;
-      for (std::size_t i = 0; i < sites.size(); ++i)
-        out[i] = signal.at(sites[i].row, sites[i].col, channel_);
-      std::fill(out + sites.size(), out + padded(sites.size()), 0.0F);
-    }
+    const ImageView<const float>& like = scene_.signals.front();
+    for (std::size_t i = 0; i < sites.size(); ++i)
+      elements_[i] =
+          static_cast<std::uint32_t>(&like.at(sites[i].row, sites[i].col, channel_) - like.data);
+    gather_samples(scene_.signals, std::span(elements_).first(sites.size()), kTile, samples_);
     const SceneGeometry& geometry = scene_.geometry;
     for (std::size_t i = 0; i < sites.size(); ++i) {
       position_px_[i] = geometry.position_px.at(sites[i].row, sites[i].col);
@@ -204,6 +185,7 @@ class Tile {
   int channel_;
   SiteFactors factors_;
   std::size_t factor_count_;
+  std::vector<std::uint32_t> elements_;
   std::vector<float> samples_, position_px_, full_signal_, factor_re_, factor_im_;
   BatchFit fit_;
 };
@@ -244,7 +226,7 @@ FitProblem BandLikelihood::problem() const {
 }
 
 void BandLikelihood::fit_all(const SweepCorrection& correction, SiteFits& fits) const {
-  const FitProblem shared = problem();
+  const BatchFitter fitter(problem());
   const int factor_count = std::max(harmonic_count(), kFewestFactors);
   tbb::enumerable_thread_specific<Tile> tiles(
       [&] { return Tile(scene_, radiometry_, factor_count, correction); });
@@ -254,7 +236,7 @@ void BandLikelihood::fit_all(const SweepCorrection& correction, SiteFits& fits) 
     const std::size_t first = tile * tile_size;
     const std::size_t count = std::min(tile_size, fits.sites.size() - first);
     const BatchFit& found =
-        tiles.local().fit(shared, std::span(fits.sites).subspan(first, count), typical_);
+        tiles.local().fit(fitter, std::span(fits.sites).subspan(first, count), typical_);
     for (std::size_t i = 0; i < count; ++i) copy_element(found, i, fits.fit, first + i);
   });
 }
