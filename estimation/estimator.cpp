@@ -90,7 +90,7 @@ Result<void> EstimatorOptions::validate() const {
   };
   expect_one_of("method", method, {"likelihood", "lut"});
   expect_one_of("indirect", indirect, {"auto", "free", "zero"});
-  expect_one_of("sweep_errors", sweep_errors, {"auto", "report", "off"});
+  expect_one_of("sweep_errors", sweep_errors, {"auto", "correct", "report", "off"});
   if (const auto made = make_scattering_model(model, {.eta = eta, .anisotropy = anisotropy}); !made)
     problems.push_back(made.error().text());
   if (harmonic_count < 0 || harmonic_count > kMostHarmonics)

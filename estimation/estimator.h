@@ -27,8 +27,8 @@ struct EstimatorOptions {
   // shows that there is none. Likelihood only.
   std::string indirect = "auto";
   int harmonic_count = 0;  // used at most; 0: all that the data can hold. Likelihood only.
-  // Blur and drift that the data show beyond the calibration: "off", "report", or "auto": corrected
-  // where they are significant. Likelihood only.
+  // Blur and drift that the data show beyond the calibration: "off", "report", "correct" where they
+  // are significant, or "auto": corrected where they explain the misfit, too. Likelihood only.
   std::string sweep_errors = "auto";
   // Least squares with geometry near discontinuities and bends (refinement.h); both methods.
   bool is_refined = false;

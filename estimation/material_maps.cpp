@@ -286,8 +286,12 @@ SweepCorrection MaterialEstimate::sweep_correction(const StripeScene& scene,
   const std::vector<double> order = capture_order(in_.manifest, scene.stripes, in_.signals);
   const std::optional<SweepErrors> errors = estimate_sweep_errors(scene, bands, order);
   if (!errors) return {};
-  const EarnedCorrection earned = earned_correction(*errors);
-  const bool is_corrected = in_.options.sweep_errors == "auto" && earned.any();
+  const bool is_asked = in_.options.sweep_errors == "correct";
+  const EarnedCorrection earned =
+      is_asked ? significant_errors(*errors) : earned_correction(*errors);
+  // Without a measured noise chi-square does not tell a right correction from a wrong one.
+  const bool is_corrected =
+      earned.any() && (is_asked || (in_.options.sweep_errors == "auto" && in_.is_noise_measured));
   result_.notes.push_back(describe(*errors, earned, is_corrected));
   return is_corrected ? correction_of(*errors, earned, order) : SweepCorrection{};
 }

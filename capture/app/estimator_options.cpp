@@ -27,9 +27,9 @@ void add_estimator_options(CLI::App& command, estimation::EstimatorOptions& opti
       ->capture_default_str();
   command
       .add_option("--sweep-errors", options.sweep_errors,
-                  "blur and drift beyond the calibration: corrected where significant, only "
-                  "reported, or not looked for")
-      ->check(CLI::IsMember({"auto", "report", "off"}))
+                  "blur and drift beyond the calibration: corrected where they explain the misfit, "
+                  "where significant, only reported, or not looked for")
+      ->check(CLI::IsMember({"auto", "correct", "report", "off"}))
       ->capture_default_str();
   command.add_flag("--refine", options.is_refined,
                    "least squares with geometry near borders and creases; several times the work");

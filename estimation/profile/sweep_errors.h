@@ -35,13 +35,17 @@ std::optional<SweepErrors> estimate_sweep_errors(const StripeScene& scene,
                                                  std::span<const BandLikelihood> bands,
                                                  std::span<const double> capture_order);
 
-// Which of the two are five standard deviations and more than a rig's calibration leaves (0.2 px of
-// blur, 0.05 px of drift) away from nothing, while the data then look as the model says: a wrong
-// model shows as blur, too, but leaves most of its misfit.
 struct EarnedCorrection {
   bool has_blur = false, has_drift = false;
   bool any() const { return has_blur || has_drift; }
 };
+
+// Which of the two are five standard deviations and more than a rig's calibration leaves (0.2 px of
+// blur, 0.05 px of drift) away from nothing.
+EarnedCorrection significant_errors(const SweepErrors& errors);
+
+// The same where the data then look as the model says, to 5% of the reduced chi-square: a wrong
+// model shows as blur, too, but some of its misfit stays.
 EarnedCorrection earned_correction(const SweepErrors& errors);
 
 SweepCorrection correction_of(const SweepErrors& errors, EarnedCorrection earned,

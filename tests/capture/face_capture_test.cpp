@@ -48,6 +48,7 @@ std::unique_ptr<hw_sim::HeadWorld> make_face(const rig::RigFile& rig_file, bool 
                                             .sync_square = {}};
   auto world = hw_sim::HeadWorld::create(camera, projector, *calibration,
                                          {.name = "face_female",
+                                          .effects = {},
                                           .has_indirect = has_indirect,
                                           .seed = 7,
                                           .thread_count = 0,
