@@ -24,8 +24,9 @@ Image<std::uint16_t> expose(const Exposure& exposure) {
 TEST(LedgerWorld, FrameSaysWhatMadeIt) {
   const auto first = picture(3, 10);
   const auto second = picture(4, 20);
-  const auto frame = expose(
-      {{{first, microseconds(4000)}, {second, microseconds(6000)}}, microseconds(10'000), 17});
+  const auto frame = expose({.light = {{first, microseconds(4000)}, {second, microseconds(6000)}},
+                             .duration = microseconds(10'000),
+                             .trigger_number = 17});
   const auto identity = decode_identity(frame.view());
   ASSERT_TRUE(identity);
   EXPECT_EQ(identity->trigger_number, 17U);
@@ -41,7 +42,9 @@ TEST(LedgerWorld, PicturesOfOtherContentHaveOtherHashes) {
 }
 
 TEST(LedgerWorld, AnyChangedSampleIsNoticed) {
-  const auto frame = expose({{{picture(3, 10), microseconds(4000)}}, microseconds(4000), 1});
+  const auto frame = expose({.light = {{picture(3, 10), microseconds(4000)}},
+                             .duration = microseconds(4000),
+                             .trigger_number = 1});
   for (std::size_t sample = 0; sample < frame.samples().size(); sample += 7) {
     Image<std::uint16_t> damaged = frame;
     damaged.samples()[sample] ^= 1;
