@@ -1,8 +1,8 @@
 // Gauss-Newton on the samples with the weights of the model, as fit_pixel does it, a vector of
-// pixels at a time. Each step takes the model's harmonics from the table (a pixel's lie side by side
-// there, and are transposed), makes them samples (a quarter of the waves does where the sweep is
-// even) and adds those up to the normal equations; no sample of the model is stored. On AVX-512 the
-// steps of a pixel, two on average, take some 200 ns.
+// pixels at a time. Each step takes the model's harmonics from the table (a pixel's lie side by
+// side there, and are transposed), makes them samples (a quarter of the waves does where the sweep
+// is even) and adds those up to the normal equations; no sample of the model is stored. On AVX-512
+// the steps of a pixel, two on average, take some 200 ns.
 #include "estimation/profile/batch_kernel.h"
 
 #include <algorithm>
@@ -30,8 +30,8 @@ constexpr float kToleranceOfNoise = 0.015F, kToleranceIfAliased = 0.01F;
 constexpr std::size_t kFewestUnaliased = 32;
 // A table that lacks larger ones is too short.
 constexpr float kTruncation = 0.05F;
-// The first step may be rough: it leaves ten times as much out.
-constexpr float kRough = 10;
+// The first step may be rough: it leaves forty times as much out.
+constexpr float kRough = 40;
 constexpr float kGreatestLogVariance = 0.09F, kGreatestCondition = 1e5F;
 constexpr float kAbsurdReflectance = 1e6F;
 // A search ends when what would remain of it, judged by how much shorter this step is than the one

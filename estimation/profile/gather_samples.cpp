@@ -8,6 +8,7 @@ namespace {
 
 constexpr std::size_t kRun = 16;
 constexpr std::size_t kRunsAtOnce = 64;
+constexpr std::size_t kAhead = 2;  // images
 
 enum class Spacing : std::uint8_t { kNeighbours, kEverySecond, kApart };
 
@@ -64,7 +65,7 @@ void gather_samples(std::span<const ImageView<const float>> images,
     for (std::size_t image = 0; image < images.size(); ++image)
       for (std::size_t i = 0; i < run_count; ++i) {
         // Each image brings a few kilobytes only, too few for the processor to see them coming.
-        if (image + 1 < images.size()) prefetch_run(images[image + 1].data, run(i));
+        if (image + kAhead < images.size()) prefetch_run(images[image + kAhead].data, run(i));
         copy_run(images[image].data, run(i), spacings[i],
                  samples.data() + image * stride + first + i * kRun);
       }

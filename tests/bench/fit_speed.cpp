@@ -1,9 +1,9 @@
 #include "tests/bench/fit_speed.h"
 
 #include <oneapi/tbb/enumerable_thread_specific.h>
+#include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/parallel_reduce.h>
-#include <oneapi/tbb/task_arena.h>
 
 #include <algorithm>
 #include <array>
@@ -242,7 +242,8 @@ SpeedReport speed_report(const SpeedOptions& options) {
 
   Times times;
   std::uint64_t sum = 0;
-  const double threads = tbb::this_task_arena::max_concurrency();
+  const double threads = static_cast<double>(
+      tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism));
   for (int repetition = 0; repetition <= options.repetitions; ++repetition) {
     const double read_s = seconds_of([&] { sum += bare_read(scene); });
     const double merge_s = seconds_of([&] { merge_all(scene, merged); });
