@@ -150,6 +150,7 @@ class Estimator::Implementation {
   // The outline: signals, correspondence, surface, then each band's parameters.
   Result<Maps> estimate();
   Correspondence correspond(std::span<const MergedNoise> noise);
+  void move_correspondence(const MaterialResult& material);
   struct Noise {
     std::vector<MergedNoise> merged;
     bool is_measured = false;  // the camera's own numbers; else told by the data, or assumed
@@ -219,6 +220,13 @@ Result<Maps> Estimator::Implementation::estimate() {
                               .noise = noise.merged,
                               .is_noise_measured = noise.is_measured};
     MaterialResult material = estimate_material(input, maps);
+    if (!material.phase_px.empty()) {
+      // Oblique light comes out shifted: the fit knows by how much, and the surface moves with it.
+      move_correspondence(material);
+      surface = reconstruct_surface(manifest_.calibration, camera(), manifest_.projector,
+                                    correspondence_, surface_options);
+      material = estimate_material(input, maps);
+    }
     if (options_.is_refined)
       if (auto refined =
               refine_material({input, signals_, correspondence_, surface, surface_options}, maps))
@@ -236,6 +244,13 @@ Result<Maps> Estimator::Implementation::estimate() {
   maps.correspondence_sd_px = {std::move(correspondence_.column_sd_px),
                                std::move(correspondence_.row_sd_px)};
   return maps;
+}
+
+void Estimator::Implementation::move_correspondence(const MaterialResult& material) {
+  Image<float>& position_px =
+      material.phase_axis == Axis::kColumn ? correspondence_.column_px : correspondence_.row_px;
+  for (std::size_t i = 0; i < position_px.samples().size(); ++i)
+    position_px.samples()[i] += material.phase_px.samples()[i];
 }
 
 Correspondence Estimator::Implementation::correspond(std::span<const MergedNoise> noise) {

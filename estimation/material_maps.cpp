@@ -65,6 +65,7 @@ class MaterialEstimate {
   void note_choices(std::size_t valid_count, std::size_t fixed_count);
   void note_misfit(const std::vector<MisfitSummary>& bands_misfit);
   void store_band(int band, BandFit fit);
+  Image<float> own_phases() const;
   std::vector<ProfilePoint> profiles_of(const StripeScene& scene) const;
 
   const MaterialInput& in_;
@@ -199,6 +200,29 @@ std::vector<double> capture_order(const Manifest& manifest, const StripeSet& str
   return order;
 }
 
+// Pixels without a fit are moved as their neighbours are, lest the surface have steps there: the
+// mean over 7 x 7, zero where that holds nothing.
+Image<float> without_gaps(const Image<float>& phases) {
+  constexpr int kReachPx = 3;
+  Image<float> filled = phases;
+  tbb::parallel_for(0, phases.height_px(), [&](int row) {
+    for (int col = 0; col < phases.width_px(); ++col) {
+      if (std::isfinite(phases.at(row, col))) continue;
+      float sum = 0, count = 0;
+      for (int r = std::max(row - kReachPx, 0);
+           r <= std::min(row + kReachPx, phases.height_px() - 1); ++r)
+        for (int c = std::max(col - kReachPx, 0);
+             c <= std::min(col + kReachPx, phases.width_px() - 1); ++c)
+          if (std::isfinite(phases.at(r, c))) {
+            sum += phases.at(r, c);
+            count += 1;
+          }
+      filled.at(row, col) = count > 0 ? sum / count : 0;
+    }
+  });
+  return filled;
+}
+
 MaterialResult MaterialEstimate::run() {
   const std::optional<StripeSet> placed = placed_stripes();
   const PatternRate* white = fully_lit();
@@ -278,6 +302,31 @@ void MaterialEstimate::fit_by_likelihood(const StripeScene& scene) {
   }
   note_choices(valid_count, fixed_count);
   note_misfit(misfits);
+  if (!geometry_.directions.empty() && directionality_of(in_.model).has_shift) {
+    result_.phase_px = without_gaps(own_phases());
+    result_.phase_axis = axis_;
+  }
+}
+
+// Each pixel's phase in the band that its correspondence was decoded in; the bands' mean where that
+// was their sum.
+Image<float> MaterialEstimate::own_phases() const {
+  Image<float> phases(camera().height_px, camera().width_px);
+  const bool is_sum = camera().pixel_format.filter == ColorFilter::kRgb;
+  tbb::parallel_for(0, camera().height_px, [&](int row) {
+    for (int col = 0; col < camera().width_px; ++col) {
+      float sum = 0, count = 0;
+      for (int band = 0; band < bands(); ++band) {
+        if (!is_sum && band_at(camera(), row, col) != band) continue;
+        const float phase = phase_px_[static_cast<std::size_t>(band)].at(row, col);
+        if (!std::isfinite(phase)) continue;
+        sum += phase;
+        count += 1;
+      }
+      phases.at(row, col) = sum / count;  // NaN where there is none
+    }
+  });
+  return phases;
 }
 
 SweepCorrection MaterialEstimate::sweep_correction(const StripeScene& scene,

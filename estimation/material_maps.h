@@ -38,8 +38,8 @@ struct MaterialInput {
 struct MaterialResult {
   std::vector<std::string> notes;
   std::vector<ProfilePoint> profiles;
-  // What the fits add to the projector coordinate along the stripes where light's oblique ways had
-  // moved it; empty for models without such ways.
+  // [height][width] what is to be added to the projector coordinate along the stripes, which
+  // oblique light had moved; empty for models that do not know by how much.
   Image<float> phase_px;
   Axis phase_axis = Axis::kColumn;
 };
