@@ -1,6 +1,4 @@
 // ssrig-bench: measures on this machine what RESULTS.md states.
-#include <oneapi/tbb/global_control.h>
-#include <oneapi/tbb/info.h>
 #include <oneapi/tbb/task_arena.h>
 
 #include <CLI/CLI.hpp>
@@ -26,6 +24,8 @@ constexpr Section kSections[] = {
     {"budget", "Error budget", bench::show_error_budget},
     {"truth", "Monte Carlo truth", bench::show_monte_carlo_truth},
     {"stability", "Numerical stability", bench::show_stability},
+    {"skip", "What is not needed", bench::show_skipping},
+    {"speed", "Full size", bench::show_speed},
 };
 
 std::string processor() {
@@ -51,13 +51,14 @@ int run_estimation(const std::string& folder, bool is_quick, int threads, std::s
                   .append(std::to_string(threads))
                   .append(" used")
                   .append(is_quick ? "; quick run." : "."));
-  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
-                                  static_cast<std::size_t>(threads));
-  for (const Section& section : kSections) {
-    if (!only.empty() && std::find(only.begin(), only.end(), section.name) == only.end()) continue;
-    report.text(std::string("### ").append(section.title));
-    section.show(shared);
-  }
+  tbb::task_arena(threads).execute([&] {
+    for (const Section& section : kSections) {
+      if (!only.empty() && std::find(only.begin(), only.end(), section.name) == only.end())
+        continue;
+      report.text(std::string("### ").append(section.title));
+      section.show(shared);
+    }
+  });
   return report.has_failed() ? 1 : 0;
 }
 

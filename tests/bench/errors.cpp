@@ -26,7 +26,7 @@ struct Sums {
 Errors errors_of(const PixelSet& pixels, const std::vector<Estimate>& estimates,
                  const estimation::ScatteringModel* model) {
   Sums translucency, reflectance, sigma_a, sigma_s_prime, indirect, pull;
-  double count = 0, within_1 = 0, within_2 = 0;
+  double count = 0, within_1 = 0, within_2 = 0, u_error_px = 0;
   std::vector<double> chi_squares;
   for (std::size_t pixel = 0; pixel < pixels.count; ++pixel) {
     const Estimate& estimate = estimates[pixel];
@@ -37,6 +37,7 @@ Errors errors_of(const PixelSet& pixels, const std::vector<Estimate>& estimates,
     translucency.add(l_d_mm / subject.translucency_mm - 1);
     reflectance.add(estimate.diffuse_reflectance / subject.diffuse_reflectance - 1);
     indirect.add(estimate.indirect - pixels.indirect);
+    if (!pixels.true_u_px.empty()) u_error_px += estimate.u_px - pixels.true_u_px[pixel];
     if (model != nullptr) {
       const auto found =
           model->coefficients(std::clamp(estimate.diffuse_reflectance, 1e-6, 1 - 1e-9), l_d_mm);
@@ -58,6 +59,7 @@ Errors errors_of(const PixelSet& pixels, const std::vector<Estimate>& estimates,
   errors.valid_frac = count / static_cast<double>(pixels.count);
   if (count == 0) return errors;
   errors.indirect_bias = indirect.sum / count;
+  errors.u_bias_px = u_error_px / count;
   errors.within_1_sd = within_1 / count;
   errors.within_2_sd = within_2 / count;
   errors.pull_variance = pull.squares / count;

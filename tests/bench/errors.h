@@ -15,7 +15,7 @@ struct Errors {
     double rms = 0, bias = 0, sd = 0;
   };
   Quantity translucency, reflectance, sigma_a, sigma_s_prime;
-  double indirect_bias = 0;
+  double indirect_bias = 0, u_bias_px = 0;
   double valid_frac = 0;
   // Of ln l_d: the share of valid pixels within one and two stated standard deviations, and the
   // mean square of error over standard deviation; zero from estimators that state none.

@@ -37,6 +37,7 @@ void show_error_budget(Bench& bench);
 void show_monte_carlo_truth(Bench& bench);
 void show_stability(Bench& bench);
 void show_skipping(Bench& bench);
+void show_speed(Bench& bench);
 
 // Microseconds a pixel: the median of `repeats` calls after one that does not count.
 double time_us(const std::function<void()>& work, std::size_t pixel_count, int repeats);

@@ -10,6 +10,7 @@
 #include "tests/bench/errors.h"
 #include "tests/bench/estimation_bench.h"
 #include "tests/bench/methods.h"
+#include "tests/bench/sweep_errors_bench.h"
 
 namespace bench {
 namespace {
@@ -159,6 +160,7 @@ void show_error_budget(Bench& bench) {
       "itself "
       "at full well, in the white standard too.");
   bench.report.table(budget);
+  show_estimated_sweep_errors(bench, media);
 }
 
 }  // namespace bench

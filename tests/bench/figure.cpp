@@ -176,6 +176,7 @@ class Panel {
       scene_.items.push_back(
           Words{level.label, {area_.right - 5, y - 5}, kTextPx, level.color, Anchor::kEnd});
       taken_.push_back({area_.right - 5 - width, y - 5 - kTextPx, area_.right - 5, y});
+      taken_.push_back({area_.left, y - 2, area_.right, y + 2});
     }
   }
 

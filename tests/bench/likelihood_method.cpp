@@ -71,6 +71,9 @@ class LikelihoodMethod : public Method {
                  std::vector<Estimate>& estimates) const {
     const std::size_t count = std::min(kBlock, pixels.count - first);
     const estimation::PixelBatch batch = pixels.batch(first, count);
+    const auto place = [&](std::size_t i) {
+      return static_cast<double>(pixels.position_px[first + i]);
+    };
     if (options_.is_double) {
       for (std::size_t i = 0; i < count; ++i) {
         const estimation::PixelFit found = fit_pixel(problem_, batch, i);
@@ -78,6 +81,7 @@ class LikelihoodMethod : public Method {
             found.logit_reflectance, found.log_translucency_px, found.indirect,
             found.covariance[covariance_index(0, 0)], found.covariance[covariance_index(1, 1)],
             found.chi_square / std::max(found.degrees_of_freedom, 1), found.validity);
+        estimates[first + i].u_px = place(i) + found.phase_px;
       }
       return;
     }
@@ -85,12 +89,14 @@ class LikelihoodMethod : public Method {
     const auto at = [&](const std::vector<float>& row, std::size_t i) {
       return static_cast<double>(row[i]);
     };
-    for (std::size_t i = 0; i < count; ++i)
+    for (std::size_t i = 0; i < count; ++i) {
       estimates[first + i] = estimate_of(
           at(fit.logit_reflectance, i), at(fit.log_translucency_px, i), at(fit.indirect, i),
           at(fit.covariance, covariance_index(0, 0) * fit.stride + i),
           at(fit.covariance, covariance_index(1, 1) * fit.stride + i),
           at(fit.reduced_chi_square, i), fit.validity[i]);
+      estimates[first + i].u_px = place(i) + at(fit.phase_px, i);
+    }
   }
 
   std::string name_;

@@ -73,6 +73,7 @@ PixelSet simulate(const PixelPlan& plan);
 // What an estimator says of a pixel.
 struct Estimate {
   double diffuse_reflectance = 0, translucency_px = 0, indirect = 0;
+  double u_px = 0;  // projector coordinate; zero from estimators that do not fit it
   // Standard deviations of ln R_d and ln l_d as stated; zero from estimators that state none.
   double log_reflectance_sd = 0, log_translucency_sd = 0;
   double reduced_chi_square = 0;
