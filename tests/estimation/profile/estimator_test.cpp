@@ -12,6 +12,7 @@
 #include <numeric>
 #include <random>
 
+#include "estimation/models/scattering_model.h"
 #include "tests/estimation/profile/synthetic_session.h"
 
 namespace estimation {
@@ -547,6 +548,37 @@ TEST(Estimator, StripesAlongRowsPeakAtTheirRow) {
     EXPECT_LT(std::abs(std::remainder(band.peak_px - measured_peak_px(band, 40), 40)), 0.1);
     EXPECT_LT(misfit_frac(band).greatest, 0.001);
   }
+}
+
+double median_abs_difference(const Image<float>& found, const Image<float>& truth) {
+  std::vector<double> errors;
+  for (std::size_t i = 0; i < found.samples().size(); ++i)
+    errors.push_back(std::abs(static_cast<double>(found.samples()[i] - truth.samples()[i])));
+  std::nth_element(errors.begin(), errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2),
+                   errors.end());
+  return errors[errors.size() / 2];
+}
+
+// The truth is the model's own here, for what the estimator makes of it: the correspondence.
+TEST(Estimator, ObliqueLightMovesTheCorrespondenceBack) {
+  const auto angular = make_scattering_model("monte_carlo_angular", {});
+  ASSERT_TRUE(angular);
+  SceneOptions options;
+  options.model = angular->get();
+  const Scene scene = make_scene(options);
+  const double apparent_px =
+      median_abs_difference(estimate(scene).maps.correspondence_px[0], scene.u_px);
+  EstimatorOptions with_angles;
+  with_angles.model = "monte_carlo_angular";
+  const Estimate found = estimate(scene, with_angles);
+  const double corrected_px = median_abs_difference(found.maps.correspondence_px[0], scene.u_px);
+  std::printf("column off by %.3f px, corrected by %.3f\n", apparent_px, corrected_px);
+  EXPECT_GT(apparent_px, 0.1);
+  EXPECT_LT(corrected_px, 0.02);
+  EXPECT_LT(error_frac(found.maps.translucency_mm[0], scene.l_d_mm[0]), 0.02);
+  EXPECT_LT(error_frac(found.maps.diffuse_reflectance[0], scene.reflectance[0]), 0.02);
+  for (const ProfilePoint& point : found.profiles)
+    EXPECT_LT(misfit_frac(point.bands[0]).greatest, 0.005);
 }
 
 TEST(Estimator, PatternsWithMissingFramesUseTheOthersAndSaySo) {

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cmath>
+#include <complex>
 #include <cstdint>
 #include <map>
 #include <numbers>
@@ -33,6 +34,8 @@ struct SceneOptions {
   double gain_dn_per_us = 2;  // signal_per_us of band 0; the others 5% less each
   int background_cols = 0;    // leftmost columns that see nothing
   int projector_px = 256;     // both sides, a power of two
+  // Of band 0's light instead of the dipole, with what oblique light does; borrowed.
+  const ScatteringModel* model = nullptr;
 };
 
 struct Scene {
@@ -46,6 +49,7 @@ struct Scene {
 // Where a camera pixel looks, and how the projector sees that place.
 struct PlanePoint {
   double u_px = 0, v_px = 0, column_pitch_mm = 0, row_pitch_mm = 0, gain = 0;
+  Directions column_light, row_light;  // azimuths from where the column, the row grows
 };
 
 inline PlanePoint plane_point(const Manifest& manifest, int row, int col) {
@@ -60,6 +64,7 @@ inline PlanePoint plane_point(const Manifest& manifest, int row, int col) {
   const double depth = in_projector[2];
   PlanePoint result;
   std::array<double, 2> pitch{};
+  std::array<Vec3, 2> along;
   for (int axis = 0; axis < 2; ++axis) {
     const double image = in_projector[axis] / depth;
     (axis == 0 ? result.u_px : result.v_px) = K(axis, axis) * image + K(axis, 2);
@@ -68,12 +73,24 @@ inline PlanePoint plane_point(const Manifest& manifest, int row, int col) {
       gradient[k] = K(axis, axis) * (R(axis, k) - image * R(2, k)) / depth;
     gradient -= normal * normal.dot(gradient);
     pitch[static_cast<std::size_t>(axis)] = 1 / cv::norm(gradient);
+    along[static_cast<std::size_t>(axis)] = gradient / cv::norm(gradient);
   }
   result.column_pitch_mm = pitch[0];
   result.row_pitch_mm = pitch[1];
   const Vec3 to_projector = R.t() * (-t) - point;
   const double distance_mm = cv::norm(to_projector);
   const double reference_mm = *manifest.calibration.irradiance->reference_distance_mm;
+  for (std::size_t axis = 0; axis < 2; ++axis) {
+    const Vec3 across = normal.cross(along[axis]);
+    const auto azimuth = [&](const Vec3& way) {
+      return std::atan2(way.dot(across), way.dot(along[axis]));
+    };
+    (axis == 0 ? result.column_light : result.row_light) = {
+        .cos_incidence = normal.dot(to_projector) / distance_mm,
+        .cos_exit = -normal.dot(point) / cv::norm(point),
+        .incidence_azimuth_rad = azimuth(to_projector),
+        .exit_azimuth_rad = azimuth(-point)};
+  }
   result.gain = normal.dot(to_projector) / distance_mm * std::pow(reference_mm / distance_mm, 2);
   return result;
 }
@@ -154,6 +171,33 @@ inline double gray_response(const GrayCode& code, double position_px, double len
   return sum / weight;
 }
 
+// r(s) of every shift under a model's own harmonics and what directions do to them.
+inline std::vector<double> directed_sweep(const ScatteringModel& model, double reflectance,
+                                          double l_d_px, const Directions& light,
+                                          double position_px, int period_px, int width_px) {
+  constexpr std::size_t kCount = 64;
+  const double duty = static_cast<double>(width_px) / period_px;
+  std::vector<double> k_times_l_d, transform(kCount);
+  for (std::size_t n = 0; n < kCount; ++n)
+    k_times_l_d.push_back(2 * std::numbers::pi * static_cast<double>(n) / period_px * l_d_px);
+  std::vector<std::complex<double>> factors(kCount);
+  model.transform(reflectance, k_times_l_d, transform);
+  model.direction_factors(reflectance, k_times_l_d, light, factors);
+  std::vector<double> sweep;
+  for (int shift = 0; shift < period_px; ++shift) {
+    const double angle =
+        2 * std::numbers::pi * (position_px - shift - 0.5 * (width_px - 1)) / period_px;
+    double sum = duty * transform[0] * factors[0].real();
+    for (std::size_t n = 1; n < kCount; ++n) {
+      const double order = static_cast<double>(n);
+      sum += 2 * std::sin(std::numbers::pi * order * duty) / (std::numbers::pi * order) *
+             transform[n] * (factors[n] * std::polar(1.0, order * angle)).real();
+    }
+    sweep.push_back(sum);
+  }
+  return sweep;
+}
+
 // Reflectance factors of a pixel under all patterns.
 inline std::vector<double> responses(const Manifest& manifest, const Coefficients& medium,
                                      const PlanePoint& point, const SceneOptions& options) {
@@ -166,6 +210,12 @@ inline std::vector<double> responses(const Manifest& manifest, const Coefficient
     if (const auto* stripes = std::get_if<Stripes>(&pattern.kind)) {
       const bool is_column = stripes->axis == Axis::kColumn;
       std::vector<double>& sweep = sweeps[{stripes->axis, stripes->period_px}];
+      if (sweep.empty() && options.model != nullptr)
+        sweep = directed_sweep(*options.model, reflectance,
+                               l_d_mm / (is_column ? point.column_pitch_mm : point.row_pitch_mm),
+                               is_column ? point.column_light : point.row_light,
+                               is_column ? point.u_px : point.v_px, stripes->period_px,
+                               stripes->width_px);
       if (sweep.empty()) {
         std::vector<int> shifts(static_cast<std::size_t>(stripes->period_px));
         std::iota(shifts.begin(), shifts.end(), 0);
