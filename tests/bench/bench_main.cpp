@@ -36,12 +36,13 @@ std::string processor() {
 }
 
 int run_estimation(const std::string& folder, bool is_quick, int threads, std::size_t stress_count,
-                   const std::vector<std::string>& only) {
+                   std::size_t pixel_count, const std::vector<std::string>& only) {
   bench::Report report(folder);
   bench::Bench shared{.report = report,
                       .is_quick = is_quick,
                       .thread_count = threads,
-                      .stress_count = stress_count};
+                      .stress_count = stress_count,
+                      .pixel_count = pixel_count};
   shared.media = bench::table_2(SSRIG_TEST_DATA "/tariq2006_table2.csv");
   report.text(std::string("## Estimation\n\n")
                   .append(processor())
@@ -71,7 +72,7 @@ int main(int argc, char** argv) {
   std::string folder;
   bool is_quick = false;
   int threads = static_cast<int>(std::thread::hardware_concurrency());
-  std::size_t stress_count = 0;
+  std::size_t stress_count = 0, pixel_count = 0;
   std::vector<std::string> only;
   std::set<std::string> names;
   for (const Section& section : kSections) names.insert(section.name);
@@ -79,9 +80,10 @@ int main(int argc, char** argv) {
   estimation->add_flag("--quick", is_quick, "A tenth of the cases and pixels");
   estimation->add_option("--threads", threads, "Threads to use")->check(CLI::Range(1, 1024));
   estimation->add_option("--stress-pixels", stress_count, "Pixels of the stress test");
+  estimation->add_option("--pixels", pixel_count, "Pixels of run time against error");
   estimation->add_option("--only", only, "Sections to run, comma-separated")
       ->delimiter(',')
       ->check(CLI::IsMember(names));
   CLI11_PARSE(app, argc, argv);
-  return run_estimation(folder, is_quick, threads, stress_count, only);
+  return run_estimation(folder, is_quick, threads, stress_count, pixel_count, only);
 }

@@ -20,6 +20,7 @@ struct Bench {
   bool is_quick = false;
   int thread_count = 1;
   std::size_t stress_count = 0;  // pixels of the stress test; 0: by is_quick
+  std::size_t pixel_count = 0;   // of run time against error; 0: by is_quick
 
   std::vector<NamedMedium> media = {};  // Table 2
   estimation::truth::DipoleCurves curves{kEta};

@@ -47,6 +47,11 @@ Report::Report(std::filesystem::path folder) : folder_(std::move(folder)) {
 
 void Report::text(const std::string& paragraph) { std::cout << paragraph << "\n\n" << std::flush; }
 
+void Report::fail(const std::string& sentence) {
+  text(std::string("FAILED: ").append(sentence));
+  has_failed_ = true;
+}
+
 void Report::table(const Table& table, bool is_printed) {
   const std::string contents = csv(table);
   write(table.name + ".csv", contents.data(), contents.size());

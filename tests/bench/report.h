@@ -29,7 +29,9 @@ class Report {
   // `is_printed`: also as Markdown; long tables go to their CSV alone.
   void table(const Table& table, bool is_printed = true);
   void picture(const std::string& name, const Scene& scene);
-  bool has_failed() const { return has_failed_; }  // a file could not be written
+  // A result that must not be; the program then ends with an error.
+  void fail(const std::string& sentence);
+  bool has_failed() const { return has_failed_; }  // or a file could not be written
 
  private:
   void write(const std::string& name, const void* data, std::size_t size);
