@@ -70,22 +70,6 @@ void write_series(const fs::path& folder, const synthetic::SyntheticRig& rig, do
   testing::write_session(folder, rig, frames);
 }
 
-// A plane whose light falls by cosine and distance, rendered as an albedo on the board's plane.
-synthetic::Albedo lit_by_projector(const synthetic::SyntheticRig& rig,
-                                   const synthetic::RigidPlace& place, double reflectance) {
-  const estimation::Vec3 centre =
-      -(rig.calibration.projector_from_camera.t() * rig.calibration.projector_from_camera_mm);
-  const estimation::Vec3 normal(-place.rotation(0, 2), -place.rotation(1, 2),
-                                -place.rotation(2, 2));
-  return [=](double x_mm, double y_mm) {
-    const estimation::Vec3 point =
-        place.rotation * estimation::Vec3(x_mm, y_mm, 0) + place.translation_mm;
-    const estimation::Vec3 to = centre - point;
-    const double distance = cv::norm(to);
-    return reflectance * normal.dot(to) / distance * std::pow(1000 / distance, 2);
-  };
-}
-
 std::vector<estimation::PatternKind> paper_with_white_and_black() {
   std::vector<estimation::PatternKind> kinds = synthetic::paper_kinds();
   kinds.push_back(estimation::White{});
@@ -103,9 +87,10 @@ void write_target(const fs::path& folder, const synthetic::SyntheticRig& rig, do
   settings.seed = static_cast<std::uint64_t>(distance_mm);
   const synthetic::RigidPlace place =
       synthetic::rigid({{0, 0, distance_mm}, 5, 8, 0}, synthetic::BoardShape{});
-  testing::write_session(folder, rig,
-                         testing::expose_target(rig, place, lit_by_projector(rig, place, 0.98),
-                                                kinds, settings, 16000));
+  testing::write_session(
+      folder, rig,
+      testing::expose_target(rig, place, testing::lit_by_projector(rig, place, 0.98), kinds,
+                             settings, 16000));
 }
 
 TEST(RadiometryJob, SensorFromASeriesToHalfAPercent) {

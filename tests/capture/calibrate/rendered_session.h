@@ -72,6 +72,23 @@ inline void write_session(const std::filesystem::path& folder,
   std::ofstream(folder / "session.json") << estimation::format_manifest(manifest);
 }
 
+// A plane whose light falls by cosine and distance, rendered as an albedo on the board's plane.
+inline estimation::testing::Albedo lit_by_projector(const estimation::testing::SyntheticRig& rig,
+                                                    const estimation::testing::RigidPlace& place,
+                                                    double reflectance) {
+  const estimation::Vec3 centre =
+      -(rig.calibration.projector_from_camera.t() * rig.calibration.projector_from_camera_mm);
+  const estimation::Vec3 normal(-place.rotation(0, 2), -place.rotation(1, 2),
+                                -place.rotation(2, 2));
+  return [=](double x_mm, double y_mm) {
+    const estimation::Vec3 point =
+        place.rotation * estimation::Vec3(x_mm, y_mm, 0) + place.translation_mm;
+    const estimation::Vec3 to = centre - point;
+    const double distance = cv::norm(to);
+    return reflectance * normal.dot(to) / distance * std::pow(1000 / distance, 2);
+  };
+}
+
 // A flat target with that reflectance, under these patterns, at one exposure; noise of the sensor.
 inline std::vector<SessionFrame> expose_target(const estimation::testing::SyntheticRig& rig,
                                                const estimation::testing::RigidPlace& place,

@@ -74,6 +74,11 @@ class RenderedPose {
       }
   }
 
+  // Of each camera pixel: reflectance of what it sees, and where the projector lights that.
+  const cv::Mat1f& albedo() const { return albedo_; }
+  const cv::Mat1f& column_px() const { return column_; }
+  const cv::Mat1f& row_px() const { return row_; }
+
   Image<float> frame(const PatternKind& kind) {
     const Axis axis = axis_of(kind);
     const std::vector<float> line = blurred_line(kind, axis);
