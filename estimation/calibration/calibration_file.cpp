@@ -1,5 +1,6 @@
 #include "estimation/calibration/calibration_file.h"
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <ctime>
@@ -28,6 +29,32 @@ std::tm utc(std::chrono::system_clock::time_point time) {
 }
 
 Json parse(std::string_view text) { return Json::parse(text, nullptr, false); }
+
+std::string in_line(const Json& value) {
+  return value.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+// Objects a key a line, matrices a row a line, the rest in one: a person reads this too.
+void print(const Json& value, const std::string& indent, std::string& text) {
+  const bool has_parts = value.is_structured() && std::ranges::any_of(value, [](const Json& part) {
+                           return part.is_structured();
+                         });
+  if (value.empty() || (!has_parts && !value.is_object())) {
+    text += in_line(value);
+    return;
+  }
+  const std::string deeper = indent + "  ";
+  const bool is_object = value.is_object();
+  text += is_object ? "{" : "[";
+  const char* separator = "\n";
+  for (const auto& [key, part] : value.items()) {
+    text.append(separator).append(deeper);
+    if (is_object) text.append(in_line(key)).append(": ");
+    print(part, deeper, text);
+    separator = ",\n";
+  }
+  text.append("\n").append(indent).append(is_object ? "}" : "]");
+}
 
 // The calibration's keys as a session writes them.
 Json keys_of(const Calibration& calibration) {
@@ -100,7 +127,9 @@ Result<std::string> format_calibration(std::string_view before, const Calibratio
   else
     replace(kRadiometryKeys);
   document[kRecords][is_geometry ? "geometry" : "radiometry"] = parse(record.json);
-  return document.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  std::string text;
+  print(document, "", text);
+  return text + "\n";
 }
 
 Result<void> save_text(const fs::path& path, const std::string& text) {

@@ -135,6 +135,48 @@ TEST(GeometryFit, FifteenPosesReachTheCramerRaoBound) {
   EXPECT_LT(rms(rotation_sum), 1.5 * rms(rotation_bound));
   EXPECT_LT(rms(translation_sum), 1.5 * rms(translation_bound));
   EXPECT_LT(rms(place_sum), 0.1);
+  EXPECT_LT(rms(tilted_sum), 0.1);
+}
+
+// Projectors throw their picture upwards: the principal point lies at its lower edge.
+TEST(GeometryFit, AProjectorWithAShiftedLensIsFound) {
+  SyntheticRig rig = full_rig();
+  rig.calibration.projector.K(1, 2) = 740;
+  // Turned downwards by as much, so that it lights the same place.
+  Mat3 down;
+  cv::Rodrigues(Vec3((740 - 383.5) / 3400, 0, 0), down);
+  rig.calibration.projector_from_camera = down * rig.calibration.projector_from_camera;
+  rig.calibration.projector_from_camera_mm = down * rig.calibration.projector_from_camera_mm;
+  const auto found = fit(rig, see_boards(rig, {}));
+  ASSERT_TRUE(found) << found.error().text();
+  EXPECT_LT(found->projector_rms_px, 0.2);
+  EXPECT_LT(std::abs(found->calibration.projector.K(1, 2) - 740), 4 * found->sd(12));
+  EXPECT_LT(cv::norm(rotation_error_rad(found->calibration, rig.calibration)) * 180 / CV_PI, 0.15);
+}
+
+TEST(GeometryFit, AThirdRadialTermIsFittedWhereTheLensHasOne) {
+  SyntheticRig rig = full_rig();
+  rig.calibration.camera.K(0, 0) = rig.calibration.camera.K(1, 1) = 1500;  // a wide lens
+  rig.calibration.camera.distortion = {-0.3, 0.12, 0, 0, -0.08};
+  SyntheticBoards boards;
+  for (BoardPlace& place : boards.places) {
+    place.middle_mm = {place.middle_mm[0] * 2.5, place.middle_mm[1] * 2.5,
+                       place.middle_mm[2] * 0.35};
+    place.tilt_x_deg *= 0.5;
+    place.tilt_y_deg *= 0.5;
+  }
+  rig.projector = {4000, 3000, {}};
+  rig.calibration.projector.K = Mat3(2500, 0, 2000, 0, 2500, 1500, 0, 0, 1);
+  const std::vector<BoardPose> poses = see_boards(rig, boards);
+  const auto found = fit_geometry(poses, kCameraSize, {4000, 3000});
+  ASSERT_TRUE(found) << found.error().text();
+  EXPECT_TRUE(found->has_camera_k3);
+  EXPECT_LT(std::abs(found->calibration.camera.distortion[4] + 0.08), 4 * found->sd(8));
+  const SyntheticRig plain = full_rig();  // its k3 moves no corner by a hundredth of a pixel
+  const auto without = fit(plain, see_boards(plain, {}));
+  ASSERT_TRUE(without);
+  EXPECT_FALSE(without->has_camera_k3);
+  EXPECT_EQ(without->calibration.camera.distortion[4], 0);
 }
 
 }  // namespace
