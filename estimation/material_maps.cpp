@@ -13,6 +13,7 @@
 #include <variant>
 
 #include "estimation/geometry/light_directions.h"
+#include "estimation/profile/coefficient_curve.h"
 #include "estimation/profile/indirect_choice.h"
 #include "estimation/profile/likelihood_maps.h"
 #include "estimation/profile/likelihood_scene.h"
@@ -388,6 +389,7 @@ void MaterialEstimate::store_band(int band, BandFit fit) {
   const Image<float> blank(camera().height_px, camera().width_px, 1, kNan);
   maps_.sigma_a_per_mm[b] = blank;
   maps_.sigma_s_prime_per_mm[b] = blank;
+  const std::optional<CoefficientCurve> curve = curve_over(in_.model, maps_.diffuse_reflectance[b]);
   const Image<float>& pitch_mm = pitch_along(in_.surface, axis_);
   tbb::parallel_for(0, camera().height_px, [&](int row) {
     for (int col = 0; col < camera().width_px; ++col) {
@@ -395,8 +397,8 @@ void MaterialEstimate::store_band(int band, BandFit fit) {
       translucency *= pitch_mm.at(row, col);
       if (!std::isfinite(translucency)) continue;
       const Coefficients medium =
-          in_.model.coefficients(static_cast<double>(maps_.diffuse_reflectance[b].at(row, col)),
-                                 static_cast<double>(translucency));
+          curve->coefficients(static_cast<double>(maps_.diffuse_reflectance[b].at(row, col)),
+                              static_cast<double>(translucency));
       maps_.sigma_a_per_mm[b].at(row, col) = static_cast<float>(medium.sigma_a_per_mm);
       maps_.sigma_s_prime_per_mm[b].at(row, col) = static_cast<float>(medium.sigma_s_prime_per_mm);
     }

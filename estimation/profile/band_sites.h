@@ -29,7 +29,7 @@ inline int site_step_px(const CameraInfo& camera) {
   return filter == ColorFilter::kMono || filter == ColorFilter::kRgb ? 1 : 2;
 }
 
-// The sites without an error in `validity`, in image order.
+// The sites without an error in `validity`, in image order. Runs in the caller's oneTBB arena.
 std::vector<Site> valid_sites(const CameraInfo& camera, int band,
                               ImageView<const std::uint32_t> validity);
 

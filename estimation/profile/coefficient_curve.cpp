@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace estimation {
 namespace {
@@ -16,6 +17,13 @@ CoefficientCurve::Value cubic(const std::vector<double>& nodes, std::size_t firs
   const double x1 = c - b - x2 - x3;
   return {.log_product = b + x * (x1 + x * (x2 + x * x3)),
           .slope = (x1 + x * (2 * x2 + 3 * x * x3)) / kStep};
+}
+
+// A float of one is R_d below it by at most this much.
+constexpr double kLeastOfOne = 3e-8;
+
+double logit_of(double reflectance) {
+  return std::log(std::max(reflectance, 1e-30) / std::max(1 - reflectance, kLeastOfOne));
 }
 
 }  // namespace
@@ -39,6 +47,26 @@ CoefficientCurve::At CoefficientCurve::at(double logit) const {
   const auto first = static_cast<std::size_t>(cell);
   return {.sigma_a = cubic(log_a_, first, place - cell),
           .sigma_s_prime = cubic(log_s_, first, place - cell)};
+}
+
+Coefficients CoefficientCurve::coefficients(double diffuse_reflectance,
+                                            double translucency_mm) const {
+  const At curves = at(logit_of(diffuse_reflectance));
+  return {.sigma_a_per_mm = std::exp(curves.sigma_a.log_product) / translucency_mm,
+          .sigma_s_prime_per_mm = std::exp(curves.sigma_s_prime.log_product) / translucency_mm};
+}
+
+std::optional<CoefficientCurve> curve_over(const ScatteringModel& model,
+                                           const Image<float>& diffuse_reflectance) {
+  float least = std::numeric_limits<float>::infinity(), greatest = -least;
+  for (const float value : diffuse_reflectance.samples())
+    if (std::isfinite(value)) {
+      least = std::min(least, value);
+      greatest = std::max(greatest, value);
+    }
+  if (!(least <= greatest)) return std::nullopt;
+  return CoefficientCurve(model, logit_of(static_cast<double>(least)),
+                          logit_of(static_cast<double>(greatest)));
 }
 
 }  // namespace estimation

@@ -2,8 +2,10 @@
 // one curve each serves every pixel, with the derivative that carries the uncertainty over.
 #pragma once
 
+#include <optional>
 #include <vector>
 
+#include "estimation/base/image.h"
 #include "estimation/models/scattering_model.h"
 
 namespace estimation {
@@ -23,9 +25,16 @@ class CoefficientCurve {
   };
   At at(double logit) const;
 
+  // As the model's, for R_d in (0, 1).
+  Coefficients coefficients(double diffuse_reflectance, double translucency_mm) const;
+
  private:
   double least_, step_;
   std::vector<double> log_a_, log_s_;  // at least_ + (i - 1) step_
 };
+
+// Over what a map of R_d holds; nullopt where that is nothing.
+std::optional<CoefficientCurve> curve_over(const ScatteringModel& model,
+                                           const Image<float>& diffuse_reflectance);
 
 }  // namespace estimation
