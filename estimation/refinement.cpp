@@ -22,10 +22,10 @@
 namespace estimation {
 namespace {
 
-// One pass takes the median error of a simulated face's positions from 0.051 to 0.006 mm, the
-// second the 95th percentile from 0.13 to 0.08 mm, a third nothing.
+// Error of position on a simulated face, mm, median and 95th percentile: 0.051 and 0.32 before,
+// 0.006 and 0.102 after one pass, 0.079 after two, 0.088 after three.
 constexpr int kPositionPasses = 2;
-// Beside the end of the light each round leaves 40% of the last one's error.
+// Beyond one l_d from the end of the light three rounds leave 1.2% of sigma_a, four 0.5%.
 constexpr int kRounds = 4;
 // Light still comes from where the surface is too oblique for a fit.
 constexpr double kLeastCosine = 0.1;

@@ -29,7 +29,7 @@ void mark_near_discontinuity(const MaterialInput& input, Maps& maps);
 // reconstructs the surface anew, fits, then takes what the surroundings of the pixels near
 // discontinuities add from their samples and fits again, a few times. The stripes' signals are left
 // as the last fit saw them. Runs in the caller's oneTBB arena; the same bits for any number of
-// threads. Without stripes nothing changes.
+// threads. Nullopt, and nothing changed, without stripes.
 std::optional<MaterialResult> refine_material(const RefinementInput& input, Maps& maps);
 
 }  // namespace estimation

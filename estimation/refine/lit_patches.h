@@ -59,7 +59,7 @@ struct LitPatches {
 
   // Patches of a quarter of l_d, at least a camera pixel.
   static int side_for(double translucency_mm, double pixel_mm) {
-    return std::max(1, static_cast<int>(0.25 * translucency_mm / pixel_mm));
+    return std::max(1, static_cast<int>(0.25 * translucency_mm / pixel_mm + 0.5));
   }
 };
 
