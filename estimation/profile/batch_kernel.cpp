@@ -1,8 +1,8 @@
 // Gauss-Newton on the samples with the weights of the model, as fit_pixel does it, a vector of
 // pixels at a time. Each step takes the model's harmonics from the table (a pixel's lie side by
 // side there, and are transposed), makes them samples (a quarter of the waves does where the sweep
-// is even) and adds those up to the normal equations; no sample of the model is stored. On AVX-512
-// the steps of a pixel, two on average, take some 200 ns.
+// is even) and adds those up to the normal equations; no sample of the model is stored. A
+// pixel's steps, a little over two on average, take 0.26 to 0.3 us of a Zen 4 core.
 #include "estimation/profile/batch_kernel.h"
 
 #include <algorithm>

@@ -11,7 +11,7 @@ namespace estimation {
 
 // samples[image][i] = the image's element elements[i], rows `stride` apart; 0 from elements.size()
 // up to the next multiple of 16. Neighbouring elements, or every second one as in a mosaic, are
-// copied in runs: twice as fast as one by one. No allocation.
+// copied in runs, the next images fetched meanwhile. No allocation.
 //   images    of one size and layout, at least one
 //   elements  indices from the images' first element on, best in image order
 void gather_samples(std::span<const ImageView<const float>> images,
