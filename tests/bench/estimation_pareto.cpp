@@ -54,7 +54,6 @@ Bound mixed_bound(Bench& bench, const PixelPlan& plan) {
 Series series_of(const std::vector<Measured>& all, Kind kind, const std::string& name, Color color,
                  MarkShape shape, double (*error_of)(const Errors&)) {
   Series series{.name = name, .color = color, .shape = shape, .points = {}};
-  series.is_joined = kind == Kind::kHarmonics || kind == Kind::kShifts;
   for (const Measured& one : all) {
     if (one.kind != kind) continue;
     series.points.push_back({one.us_per_pixel, 100 * error_of(one.errors)});

@@ -173,9 +173,8 @@ class Panel {
       if (!is_inside({area_.left, y})) continue;
       scene_.items.push_back(Stroke{{{area_.left, y}, {area_.right, y}}, level.color, 1.5, true});
       const double width = words_width_px(level.label, kTextPx);
-      scene_.items.push_back(
-          Words{level.label, {area_.right - 5, y - 5}, kTextPx, level.color, Anchor::kEnd});
-      taken_.push_back({area_.right - 5 - width, y - 5 - kTextPx, area_.right - 5, y});
+      scene_.items.push_back(Words{level.label, {area_.left + 5, y - 5}, kTextPx, level.color});
+      taken_.push_back({area_.left + 5, y - 5 - kTextPx, area_.left + 5 + width, y});
       taken_.push_back({area_.left, y - 2, area_.right, y + 2});
     }
   }
