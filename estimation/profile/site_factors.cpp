@@ -27,6 +27,7 @@ Directionality directionality_of(const ScatteringModel& model) {
   for (const std::complex<double>& factor : factors) {
     found.has_factors = found.has_factors || factor != std::complex<double>(1, 0);
     found.has_shift = found.has_shift || factor.imag() != 0;
+    found.is_flat = found.is_flat && factor == factors[0];
   }
   return found;
 }
@@ -60,12 +61,15 @@ std::span<const std::complex<double>> SiteFactors::at(Site site, ShapePoint mate
     for (std::size_t n = 0; n < k_times_l_d_.size(); ++n)
       k_times_l_d_[n] = 2 * pi * static_cast<double>(n) / period_px * l_d_px;
     const SceneDirections& to = geometry.directions;
-    scene_.model.direction_factors(1 / (1 + std::exp(-material.logit_reflectance)), k_times_l_d_,
+    const std::size_t count = direction_.is_flat ? 1 : light_.size();
+    scene_.model.direction_factors(1 / (1 + std::exp(-material.logit_reflectance)),
+                                   std::span(k_times_l_d_).first(count),
                                    {.cos_incidence = sample(to.cos_incidence, site),
                                     .cos_exit = sample(to.cos_exit, site),
                                     .incidence_azimuth_rad = sample(to.incidence_azimuth_rad, site),
                                     .exit_azimuth_rad = sample(to.exit_azimuth_rad, site)},
-                                   light_);
+                                   std::span(light_).first(count));
+    if (direction_.is_flat) std::fill(light_.begin() + 1, light_.end(), light_[0]);
   }
   factors_[0] = light_[0];
   for (std::size_t n = 1; n < factors_.size(); ++n)

@@ -16,6 +16,7 @@ namespace estimation {
 // Whether light's directions change anything in a model, and whether they move the profile.
 struct Directionality {
   bool has_factors = false, has_shift = false;
+  bool is_flat = true;  // the same factor for all frequencies
 };
 Directionality directionality_of(const ScatteringModel& model);
 

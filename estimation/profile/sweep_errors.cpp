@@ -160,9 +160,12 @@ class SiteResiduals {
     Sample sample;
     sample.own[1] = level * reflectance * (1 - reflectance);
     sample.own[3] = level;
+    const std::complex<double> first = std::polar(1.0, 2 * pi / shape.period_px * x_px);
+    std::complex<double> wheel(1, 0);
     for (std::size_t n = 1; n <= count_; ++n) {
       const double wave = 2 * pi * static_cast<double>(n) / shape.period_px;
-      const std::complex<double> turn = factor_[n] * std::polar(1.0, wave * x_px);
+      wheel *= first;
+      const std::complex<double> turn = factor_[n] * wheel;
       expected += value_[n - 1] * turn.real();
       sample.own[0] -= value_[n - 1] * wave * turn.imag();
       sample.own[1] += by_logit_[n - 1] * turn.real();
