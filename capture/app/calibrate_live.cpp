@@ -66,8 +66,9 @@ void tell(const GeometryJob& job) {
     std::fprintf(
         stderr, "%zu poses: camera %.3f px, projector %.3f px rms; a depth is known to %.3f mm\n",
         job.pose_count(), fit->camera_rms_px, fit->projector_rms_px, job.check().depth_sd_mm);
-  for (const std::string& refusal : job.refusals())
-    std::fprintf(stderr, "not yet: %s\n", refusal.c_str());
+  if (job.pose_count() > 0)
+    for (const std::string& refusal : job.refusals())
+      std::fprintf(stderr, "not yet: %s\n", refusal.c_str());
   std::string advice = job.advice().text;
   if (job.refusals().empty() && job.advice().expected_gain_frac < kSmallGainFrac)
     advice = "this is enough; another pose would change little";

@@ -159,6 +159,24 @@ tl::unexpected<InputError> unusable(const std::string& name, const std::string& 
   return tl::unexpected(InputError{InputFault::kInsufficient, name, "", expectation});
 }
 
+Result<BoardPose> observe(const std::string& name, std::span<const PatternSignal> signals,
+                          const Board& board, const CameraInfo& camera,
+                          const ProjectorInfo& projector, const CorrespondenceOptions& options) {
+  const Image<float> lit = evenly_lit(signals);
+  if (lit.empty())
+    return unusable(name, "has no white, Gray code or stripe patterns: the board cannot be seen");
+  const Image<float> grey = grey_picture(lit.view(), camera.pixel_format.filter);
+  const auto corners = detect_board(grey.view(), board);
+  if (!corners) return unusable(name, corners.error().text());
+  const Correspondence correspondence = decode_correspondence(signals, projector, options);
+  if (correspondence.column_px.empty() || correspondence.row_px.empty()) {
+    std::string expectation = "the patterns do not tell both projector axes";
+    for (const std::string& note : correspondence.notes) expectation += "; " + note;
+    return unusable(name, expectation);
+  }
+  return BoardPose{name, light_corners(*corners, correspondence, grey.view(), camera)};
+}
+
 }  // namespace
 
 std::vector<BoardCorner> light_corners(std::span<const DetectedCorner> corners,
@@ -205,19 +223,11 @@ Result<BoardPose> observe_board(const std::string& name, std::span<const Pattern
                                 const Board& board, const CameraInfo& camera,
                                 const ProjectorInfo& projector,
                                 const CorrespondenceOptions& options) {
-  const Image<float> lit = evenly_lit(signals);
-  if (lit.empty())
-    return unusable(name, "has no white, Gray code or stripe patterns: the board cannot be seen");
-  const Image<float> grey = grey_picture(lit.view(), camera.pixel_format.filter);
-  const auto corners = detect_board(grey.view(), board);
-  if (!corners) return unusable(name, corners.error().text());
-  const Correspondence correspondence = decode_correspondence(signals, projector, options);
-  if (correspondence.column_px.empty() || correspondence.row_px.empty()) {
-    std::string expectation = "the patterns do not tell both projector axes";
-    for (const std::string& note : correspondence.notes) expectation += "; " + note;
-    return unusable(name, expectation);
+  try {  // OpenCV says by exceptions what it cannot do
+    return observe(name, signals, board, camera, projector, options);
+  } catch (const cv::Exception& error) {
+    return unusable(name, "the board cannot be read (" + error.err + ")");
   }
-  return BoardPose{name, light_corners(*corners, correspondence, grey.view(), camera)};
 }
 
 }  // namespace estimation

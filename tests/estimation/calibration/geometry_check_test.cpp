@@ -1,4 +1,5 @@
 #include "estimation/calibration/geometry_check.h"
+#include "estimation/calibration/pose_advice.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
