@@ -98,8 +98,10 @@ void add_calibrate_radiometry_command(CLI::App& calibrate, const Select& select)
   command->add_option("--opaque", inputs.opaque,
                       "sessions of a flat, matte, opaque target under the plan's patterns, one a "
                       "distance");
-  command->add_option("--chart", inputs.chart,
-                      "a colour chart: a JSON list of {\"camera\": [r, g, b], \"display\": ...}");
+  command->add_option(
+      "--chart", inputs.chart,
+      "a colour chart, a JSON list of {\"camera\": [r, g, b], \"display\": ...}; or "
+      "{\"primaries\": [[r, g, b] under red, green, blue]}");
   command->add_option("--out", arguments->out,
                       "the calibration file (default: the rig file's; an older one is kept)");
   command->callback(

@@ -9,8 +9,8 @@
 
 #include "estimation/calibration/board.h"
 #include "estimation/calibration/geometry_check.h"
-#include "estimation/calibration/pose_advice.h"
 #include "estimation/calibration/geometry_fit.h"
+#include "estimation/calibration/pose_advice.h"
 #include "estimation/session/error.h"
 #include "estimation/session/manifest.h"
 

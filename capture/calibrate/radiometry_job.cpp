@@ -43,33 +43,56 @@ std::string read_text(const fs::path& path) {
 
 Json json_of(const Measured& measured) { return {{"value", measured.value}, {"sd", measured.sd}}; }
 
-Result<std::vector<estimation::ColorPatch>> read_chart(const std::string& path) {
+bool read_color(const Json& json, estimation::Vec3& color) {
+  if (!json.is_array() || json.size() != 3) return false;
+  for (int i = 0; i < 3; ++i) {
+    const Json& value = json[static_cast<std::size_t>(i)];
+    if (!value.is_number()) return false;
+    color[i] = value.get<double>();
+  }
+  return true;
+}
+
+// From a chart's patches, or from what the camera has of the projector's single colours.
+Result<estimation::ColorFit> read_colors(const std::string& path) {
   const auto wrong = [&path](const std::string& expectation) {
     return tl::unexpected(InputError{InputFault::kInvalid, path, "", expectation});
   };
   const Json json = Json::parse(read_text(path), nullptr, false);
-  if (!json.is_array())
-    return wrong("expected a list of {\"camera\": [r, g, b], \"display\": [r, g, b]}");
-  std::vector<estimation::ColorPatch> patches;
-  const auto read_color = [](const Json& patch, const char* key, estimation::Vec3& color) {
-    if (!patch.is_object() || !patch.contains(key) || !patch[key].is_array() ||
-        patch[key].size() != 3)
-      return false;
+  if (json.is_object() && json.contains("primaries")) {
+    estimation::Mat3 camera_by_primary;
+    const Json& primaries = json["primaries"];
     for (int i = 0; i < 3; ++i) {
-      const Json& value = patch[key][static_cast<std::size_t>(i)];
-      if (!value.is_number()) return false;
-      color[i] = value.get<double>();
+      estimation::Vec3 color;
+      const auto at = static_cast<std::size_t>(i);
+      if (!primaries.is_array() || primaries.size() != 3 || !read_color(primaries[at], color))
+        return wrong("\"primaries\" are the camera's [r, g, b] under red, green and blue");
+      for (int band = 0; band < 3; ++band) camera_by_primary(band, i) = color[band];
     }
-    return true;
-  };
+    const auto matrix = estimation::color_matrix_from_primaries(camera_by_primary);
+    if (!matrix) return wrong(matrix.error().expectation);
+    estimation::ColorFit fit;
+    fit.matrix = *matrix;
+    return fit;
+  }
+  if (!json.is_array())
+    return wrong(
+        "expected a list of {\"camera\": [r, g, b], \"display\": [r, g, b]}, or {\"primaries\": "
+        "[red, green, blue]}");
+  std::vector<estimation::ColorPatch> patches;
   for (const Json& each : json) {
     estimation::ColorPatch patch;
-    if (!read_color(each, "camera", patch.camera) || !read_color(each, "display", patch.display))
+    const bool is_whole = each.is_object() && each.contains("camera") && each.contains("display") &&
+                          read_color(each["camera"], patch.camera) &&
+                          read_color(each["display"], patch.display);
+    if (!is_whole)
       return wrong("patch " + std::to_string(patches.size()) +
                    " lacks three numbers under \"camera\" or \"display\"");
     patches.push_back(patch);
   }
-  return patches;
+  auto fit = estimation::fit_color_matrix(patches);
+  if (!fit) return wrong(fit.error().expectation);
+  return *fit;
 }
 
 // Over the blocks: the largest standard deviation of any harmonic that there is contrast in.
@@ -160,10 +183,8 @@ Result<void> RadiometryJob::measure_transfer(const Calibration& geometry) {
 
 Result<void> RadiometryJob::measure_color() {
   if (inputs_.chart.empty()) return {};
-  const auto patches = read_chart(inputs_.chart);
-  if (!patches) return tl::unexpected(patches.error());
-  auto fit = estimation::fit_color_matrix(*patches);
-  if (!fit) return tl::unexpected(named(fit.error(), inputs_.chart));
+  const auto fit = read_colors(inputs_.chart);
+  if (!fit) return tl::unexpected(fit.error());
   color_ = *fit;
   return {};
 }

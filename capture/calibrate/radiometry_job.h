@@ -25,7 +25,10 @@ struct RadiometryInputs {
   std::vector<std::string> standard;  // under Gray code, or white and black too
   std::vector<std::string> opaque;    // under the sweep
   std::array<double, 3> reflectance{0.99, 0.99, 0.99};
-  std::string chart;  // a JSON list of {"camera": [r, g, b], "display": [r, g, b]}; or empty
+  // A JSON list of a colour chart's {"camera": [r, g, b], "display": [r, g, b]} (see ColorPatch),
+  // or
+  // {"primaries": [[r, g, b] of the standard under red, under green, under blue]}; or empty.
+  std::string chart;
 };
 
 // Not thread-safe.

@@ -164,6 +164,23 @@ TEST(RadiometryJob, StandardAndOpticsFromThePlansOwnPatterns) {
   }
 }
 
+TEST(RadiometryJob, SingleColoursGiveTheMatrix) {
+  const fs::path root = testing::fresh_folder("primaries");
+  std::ofstream(root / "primaries.json")
+      << R"({"primaries": [[0.9, 0.1, 0.0], [0.1, 0.8, 0.2], [0.0, 0.1, 0.8]]})";
+  write_geometry(root / "calibration.json", small_rig());
+  RadiometryInputs inputs;
+  inputs.chart = (root / "primaries.json").string();
+  const auto job = RadiometryJob::run(inputs, small_rig().calibration);
+  ASSERT_TRUE(job) << job.error().text();
+  ASSERT_TRUE(job->store(root / "calibration.json", std::chrono::system_clock::now()));
+  const auto read = estimation::parse_calibration(contents(root / "calibration.json"), "file");
+  ASSERT_TRUE(read && read->color_matrix);
+  const estimation::Vec3 red = *read->color_matrix * estimation::Vec3(0.9, 0.1, 0.0);
+  EXPECT_NEAR(red[0], 1, 1e-9);
+  EXPECT_NEAR(red[1], 0, 1e-9);
+}
+
 TEST(RadiometryJob, AChartThatIsNoneIsRefused) {
   const fs::path root = testing::fresh_folder("chart");
   std::ofstream(root / "chart.json") << R"([{"camera": [1, 2]}])";
