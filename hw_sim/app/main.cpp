@@ -9,7 +9,7 @@ namespace {
 
 struct RunWords {
   std::string indirect = "on";
-  std::string scattering = "dipole";
+  std::string scattering = "monte_carlo";
 };
 
 void add_run(CLI::App& app, hw_sim::RunOptions& options, RunWords& words) {

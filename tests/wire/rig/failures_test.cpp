@@ -97,8 +97,9 @@ class Failures : public testing::Test {
     return std::move(*child);
   }
   hw_sim::ChildProcess start_on_rig(const Command& command) {
-    Command argv = {SSRIG_SIM,    "run", "--rig", folder_ / "sim.toml", "--scene", "flat_phantom",
-                    "--indirect", "off", "--"};
+    Command argv = {SSRIG_SIM,      "run",          "--rig",      folder_ / "sim.toml",
+                    "--scene",      "flat_phantom", "--indirect", "off",
+                    "--scattering", "dipole",       "--"};
     argv.insert(argv.end(), command.begin(), command.end());
     return start(argv);
   }

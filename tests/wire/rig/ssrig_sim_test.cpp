@@ -28,8 +28,9 @@ class SsrigSim : public testing::Test {
  protected:
   // Exit code of `ssrig-sim run --rig small.toml ... -- command`.
   int run(const std::vector<std::string>& command, const std::vector<std::string>& options = {}) {
-    std::vector<std::string> argv = {SSRIG_SIM, "run",          "--rig",      SMALL_RIG,
-                                     "--scene", "flat_phantom", "--indirect", "off"};
+    std::vector<std::string> argv = {SSRIG_SIM,      "run",          "--rig",      SMALL_RIG,
+                                     "--scene",      "flat_phantom", "--indirect", "off",
+                                     "--scattering", "dipole"};
     argv.insert(argv.end(), options.begin(), options.end());
     argv.emplace_back("--");
     argv.insert(argv.end(), command.begin(), command.end());
