@@ -114,6 +114,7 @@ double field_variation(const TransferFit& fit) {
 
 bool are_depths(const std::vector<TransferFit>& fits) {
   std::vector<double> distances_mm;
+  distances_mm.reserve(fits.size());
   for (const TransferFit& fit : fits) distances_mm.push_back(fit.distance_mm);
   std::ranges::sort(distances_mm);
   for (std::size_t i = 1; i < distances_mm.size(); ++i)
@@ -156,6 +157,7 @@ Result<void> RadiometryJob::measure_standard(const Calibration& geometry) {
     scenes.push_back(std::move(*scene));
   }
   std::vector<estimation::StandardView> views;
+  views.reserve(scenes.size());
   for (const LitScene& scene : scenes) views.push_back(scene.standard_view());
   const estimation::Manifest& manifest = *scenes.front().read.manifest;
   estimation::StandardOptions options;
@@ -317,6 +319,7 @@ Result<fs::path> RadiometryJob::store(const fs::path& path,
     } else {
       const auto maps = estimation::transfer_maps(transfers_.front(), *camera_);
       std::vector<estimation::ExrChannel> channels;
+      channels.reserve(maps.size());
       for (const auto& [name, image] : maps) channels.push_back({name, image.view()});
       const std::string file = beside("transfer");
       const auto written = estimation::write_exr(path.parent_path() / file, channels,

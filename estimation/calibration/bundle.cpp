@@ -14,6 +14,9 @@ using PoseMatrix = cv::Matx<double, kPoseCount, kPoseCount>;
 using MixedMatrix = cv::Matx<double, kSharedCount, kPoseCount>;
 using Row = std::array<double, kAllCount>;  // a residual's derivatives: shared, then the pose's
 
+double& entry(Row& row, int i) { return row[static_cast<std::size_t>(i)]; }
+double entry(const Row& row, int i) { return row[static_cast<std::size_t>(i)]; }
+
 constexpr double kRelativeCostTolerance = 1e-12;
 constexpr double kFirstDamping = 1e-4;
 constexpr double kLargestDamping = 1e12;
@@ -64,8 +67,8 @@ Composed compose(const PoseVector& place, const SharedVector& shared) {
 Row camera_row(const cv::Mat1d& derivatives, int at) {
   Row row{};
   const double* d = derivatives[at];
-  for (int i = 0; i < 6; ++i) row[static_cast<std::size_t>(kSharedCount + i)] = d[i];
-  for (int i = 0; i < 9; ++i) row[static_cast<std::size_t>(i)] = d[6 + i];
+  for (int i = 0; i < 6; ++i) entry(row, kSharedCount + i) = d[i];
+  for (int i = 0; i < 9; ++i) entry(row, i) = d[6 + i];
   return row;
 }
 
@@ -81,12 +84,12 @@ Row projector_row(const cv::Mat1d& derivatives, int at, const Composed& composed
   const auto [pose_r, pose_t] = by_place(0);
   const auto [stereo_r, stereo_t] = by_place(1);
   for (int i = 0; i < 3; ++i) {
-    row[static_cast<std::size_t>(kSharedCount + i)] = pose_r(i);
-    row[static_cast<std::size_t>(kSharedCount + 3 + i)] = pose_t(i);
-    row[static_cast<std::size_t>(kStereoAt + i)] = stereo_r(i);
-    row[static_cast<std::size_t>(kStereoAt + 3 + i)] = stereo_t(i);
+    entry(row, kSharedCount + i) = pose_r(i);
+    entry(row, kSharedCount + 3 + i) = pose_t(i);
+    entry(row, kStereoAt + i) = stereo_r(i);
+    entry(row, kStereoAt + 3 + i) = stereo_t(i);
   }
-  for (int i = 0; i < 9; ++i) row[static_cast<std::size_t>(kProjectorAt + i)] = d[6 + i];
+  for (int i = 0; i < 9; ++i) entry(row, kProjectorAt + i) = d[6 + i];
   return row;
 }
 
@@ -112,19 +115,18 @@ void add_rows(const std::array<Row, 2>& rows, const Vec2& residual, double sd_px
     const Row& row = rows[k];
     const double error = residual[static_cast<int>(k)] * weight;
     for (int i = 0; i < kSharedCount; ++i) {
-      const double value = row[static_cast<std::size_t>(i)];
+      const double value = entry(row, i);
       if (value == 0) continue;
       e.shared_gradient(i) += value * error;
-      for (int j = 0; j < kSharedCount; ++j)
-        e.shared(i, j) += weight * value * row[static_cast<std::size_t>(j)];
+      for (int j = 0; j < kSharedCount; ++j) e.shared(i, j) += weight * value * entry(row, j);
       for (int j = 0; j < kPoseCount; ++j)
-        e.mixed(i, j) += weight * value * row[static_cast<std::size_t>(kSharedCount + j)];
+        e.mixed(i, j) += weight * value * entry(row, kSharedCount + j);
     }
     for (int i = 0; i < kPoseCount; ++i) {
-      const double value = row[static_cast<std::size_t>(kSharedCount + i)];
+      const double value = entry(row, kSharedCount + i);
       e.own_gradient(i) += value * error;
       for (int j = 0; j < kPoseCount; ++j)
-        e.own(i, j) += weight * value * row[static_cast<std::size_t>(kSharedCount + j)];
+        e.own(i, j) += weight * value * entry(row, kSharedCount + j);
     }
   }
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <opencv2/calib3d.hpp>
 #include <optional>
 
@@ -178,7 +179,7 @@ SharedMatrix information_of(std::span<const BoardPose> poses, const BundleState&
 }
 
 std::vector<double> flat(const SharedMatrix& matrix) {
-  return {matrix.val, matrix.val + kSharedCount * kSharedCount};
+  return {std::begin(matrix.val), std::end(matrix.val)};
 }
 
 double rms_of(double sum, int count) { return count > 0 ? std::sqrt(sum / count) : 0; }

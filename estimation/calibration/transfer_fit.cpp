@@ -395,8 +395,8 @@ Result<TransferFit> fit_transfer(const TransferSweep& sweep, const CameraInfo& c
     const int left = camera.width_px * col / kBlockCols, top = camera.height_px * row / kBlockRows;
     const cv::Rect area(left, top, camera.width_px * (col + 1) / kBlockCols - left,
                         camera.height_px * (row + 1) / kBlockRows - top);
-    if (auto block = read_block(reader, sweep, area, fit.band_count))
-      fit.blocks.push_back(*std::move(block));
+    if (const auto block = read_block(reader, sweep, area, fit.band_count))
+      fit.blocks.push_back(*block);
   }
   if (fit.blocks.empty())
     return refuse(InputFault::kInsufficient,
