@@ -1,4 +1,6 @@
 // Full size: what merging and fitting a sweep cost, and what each thing that is left out saves.
+#include <oneapi/tbb/global_control.h>
+
 #include <array>
 #include <cstdio>
 
@@ -20,11 +22,18 @@ SpeedOptions options_for(const Bench& bench) {
   return options;
 }
 
+// What the report states as its threads.
+tbb::global_control limit_of(const Bench& bench) {
+  return {tbb::global_control::max_allowed_parallelism,
+          static_cast<std::size_t>(bench.thread_count)};
+}
+
 const SpeedStage& total_of(const SpeedReport& report) { return report.stages.back(); }
 
 }  // namespace
 
 void show_speed(Bench& bench) {
+  const auto limit = limit_of(bench);
   const SpeedOptions options = options_for(bench);
   const SpeedReport report = speed_report(options);
   bench.report.text(std::to_string(options.width_px)
@@ -47,6 +56,7 @@ void show_speed(Bench& bench) {
 }
 
 void show_skipping(Bench& bench) {
+  const auto limit = limit_of(bench);
   struct Switch {
     const char* name;
     void (*set)(SpeedOptions&);
