@@ -158,7 +158,8 @@ void show_error_budget(Bench& bench) {
       "pitch 0.3 mm, B 0 in truth and free in the fit unless said. Corrected: the fit is given the "
       "blur's transfer or each frame's effective shift. Nonlinearity: the signal loses 1% of "
       "itself "
-      "at full well, in the white standard too.");
+      "at full well, in the white standard too. In round brackets: how far a pixel scatters with "
+      "its position in the stripes.");
   bench.report.table(budget);
   show_estimated_sweep_errors(bench, media);
 }
