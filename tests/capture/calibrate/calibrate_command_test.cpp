@@ -42,8 +42,8 @@ class CalibrateCommand : public ::testing::Test {
   std::string rig() const { return "--rig " + (folder_ / "rig.toml").string() + " "; }
   fs::path calibration() const { return folder_ / "small_calibration.json"; }
 
-  const fs::path folder_ = testing::fresh_folder(
-      std::string("command_") + ::testing::UnitTest::GetInstance()->current_test_info()->name());
+  const testing::ScratchFolder scratch_;
+  const fs::path& folder_ = scratch_.path();
 };
 
 TEST_F(CalibrateCommand, NothingToMeasureIsAMistakeOfUsage) {

@@ -46,7 +46,8 @@ std::string contents(const fs::path& path) {
 
 TEST(GeometryJob, TwelveSessionsBecomeACalibrationFileThatSessionsCarry) {
   const synthetic::SyntheticRig rig = small_rig();
-  const fs::path root = testing::fresh_folder("geometry");
+  const testing::ScratchFolder scratch;
+  const fs::path& root = scratch.path();
   GeometryJob job(kBoard);
   std::vector<synthetic::BoardPlace> places = synthetic::fifteen_places();
   places.resize(12);
@@ -80,7 +81,8 @@ TEST(GeometryJob, TwelveSessionsBecomeACalibrationFileThatSessionsCarry) {
 
 TEST(GeometryJob, ASessionWithoutTheBoardLeavesTheOthersAsTheyWere) {
   const synthetic::SyntheticRig rig = small_rig();
-  const fs::path root = testing::fresh_folder("no_board");
+  const testing::ScratchFolder scratch;
+  const fs::path& root = scratch.path();
   write_pose(root / "good", rig, {{0, 0, 1000}, 0, 0, 0}, 1);
   testing::write_session(root / "blank", rig,
                          testing::expose_target(

@@ -95,7 +95,8 @@ void write_target(const fs::path& folder, const synthetic::SyntheticRig& rig, do
 
 TEST(RadiometryJob, SensorFromASeriesToHalfAPercent) {
   const synthetic::SyntheticRig rig = small_rig();
-  const fs::path root = testing::fresh_folder("series");
+  const testing::ScratchFolder scratch;
+  const fs::path& root = scratch.path();
   write_series(root / "series", rig, 0);
   write_geometry(root / "calibration.json", rig);
   RadiometryInputs inputs;
@@ -112,7 +113,8 @@ TEST(RadiometryJob, SensorFromASeriesToHalfAPercent) {
 
 TEST(RadiometryJob, ADitheringProjectorIsTold) {
   const synthetic::SyntheticRig rig = small_rig();
-  const fs::path root = testing::fresh_folder("dither");
+  const testing::ScratchFolder scratch;
+  const fs::path& root = scratch.path();
   write_series(root / "series", rig, 0.05);
   RadiometryInputs inputs;
   inputs.series = {(root / "series").string()};
@@ -123,7 +125,8 @@ TEST(RadiometryJob, ADitheringProjectorIsTold) {
 
 TEST(RadiometryJob, StandardAndOpticsFromThePlansOwnPatterns) {
   const synthetic::SyntheticRig rig = small_rig();
-  const fs::path root = testing::fresh_folder("optics");
+  const testing::ScratchFolder scratch;
+  const fs::path& root = scratch.path();
   write_target(root / "near", rig, 960, 0.6, paper_with_white_and_black());
   write_target(root / "far", rig, 1060, 1.2, synthetic::paper_kinds());
   write_geometry(root / "calibration.json", rig);
@@ -165,7 +168,8 @@ TEST(RadiometryJob, StandardAndOpticsFromThePlansOwnPatterns) {
 }
 
 TEST(RadiometryJob, SingleColoursGiveTheMatrix) {
-  const fs::path root = testing::fresh_folder("primaries");
+  const testing::ScratchFolder scratch;
+  const fs::path& root = scratch.path();
   std::ofstream(root / "primaries.json")
       << R"({"primaries": [[0.9, 0.1, 0.0], [0.1, 0.8, 0.2], [0.0, 0.1, 0.8]]})";
   write_geometry(root / "calibration.json", small_rig());
@@ -182,7 +186,8 @@ TEST(RadiometryJob, SingleColoursGiveTheMatrix) {
 }
 
 TEST(RadiometryJob, AChartThatIsNoneIsRefused) {
-  const fs::path root = testing::fresh_folder("chart");
+  const testing::ScratchFolder scratch;
+  const fs::path& root = scratch.path();
   std::ofstream(root / "chart.json") << R"([{"camera": [1, 2]}])";
   RadiometryInputs inputs;
   inputs.chart = (root / "chart.json").string();

@@ -69,8 +69,8 @@ class CalibratedVirtualRig : public ::testing::Test {
   }
 
   const synthetic::SyntheticRig rig_ = synthetic::make_rig(588, 432, true);
-  const fs::path folder_ =
-      testing::fresh_folder(::testing::UnitTest::GetInstance()->current_test_info()->name());
+  const testing::ScratchFolder scratch_;
+  const fs::path& folder_ = scratch_.path();
 };
 
 TEST_F(CalibratedVirtualRig, GeometryIsTheTruth) {

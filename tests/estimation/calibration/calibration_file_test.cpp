@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <fstream>
 #include <iterator>
@@ -17,7 +18,8 @@ using ::testing::IsEmpty;
 using ::testing::Not;
 
 std::filesystem::path fresh_folder(const std::string& name) {
-  const auto folder = std::filesystem::path(::testing::TempDir()) / ("calibration_file_" + name);
+  const std::string own = "calibration_file_" + std::to_string(::getpid()) + "_" + name;
+  const auto folder = std::filesystem::path(::testing::TempDir()) / own;
   std::filesystem::remove_all(folder);
   return folder;
 }

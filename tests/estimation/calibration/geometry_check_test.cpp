@@ -1,9 +1,9 @@
 #include "estimation/calibration/geometry_check.h"
-#include "estimation/calibration/pose_advice.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "estimation/calibration/pose_advice.h"
 #include "estimation/geometry/triangulation.h"
 #include "tests/estimation/calibration/synthetic_board.h"
 
