@@ -40,6 +40,8 @@ constexpr float kAbsurdReflectance = 1e6F;
 constexpr float kGreatestRest = 1e-6F, kFirstLength = 1, kSlowestEnd = 0.25F;
 constexpr float kGreatestLogitStep = 1, kGreatestLogStep = 0.75F;
 constexpr int kMostSteps = 12;
+// Of a correction for bias, as in likelihood_pixel.cpp.
+constexpr float kGreatestCorrection = 0.5F;
 // Thresholds that single precision may see on the wrong side are for fit_pixel.
 constexpr float kMargin = 0.02F;
 // Of a pivot over its diagonal: below, single precision has lost its digits.
@@ -62,8 +64,9 @@ HWY_INLINE V reciprocal(V value) {
 }
 
 // One sample: the model's value there with its derivatives, and what was measured (NaN: nothing).
+// Returns its weight.
 template <bool kHasLost>
-HWY_INLINE void add_sample(const NoiseOfPixel& noise, const Sample& model, V measured, Sums& s) {
+HWY_INLINE V add_sample(const NoiseOfPixel& noise, const Sample& model, V measured, Sums& s) {
   V w = reciprocal(noise.variance(model.value));
   V residual = hn::Sub(measured, model.value);
   if constexpr (kHasLost) {
@@ -88,6 +91,7 @@ HWY_INLINE void add_sample(const NoiseOfPixel& noise, const Sample& model, V mea
   s.el = hn::MulAdd(we, model.by_log, s.el);
   s.ep = hn::MulAdd(we, model.by_phase, s.ep);
   s.ee = hn::MulAdd(we, residual, s.ee);
+  return w;
 }
 
 // What a vector of pixels brings along.
@@ -424,6 +428,57 @@ HWY_INLINE void finish(const BatchPlan& plan, const Pixels& pixels, const Sums& 
   out.is_hidden = hn::Or(out.is_hidden, hn::And(where, hn::Or(is_vague, is_singular)));
 }
 
+// Squared length of a change of (t, ln l, mean, phase) in standard deviations.
+HWY_INLINE V squared_length(const Sums& s, V t, V l, V mean, V p) {
+  const auto times_2 = [](V a, V b) HWY_ATTR { return hn::Mul(hn::Add(a, a), b); };
+  V length = hn::MulAdd(hn::Mul(t, t), s.tt, hn::Mul(hn::Mul(l, l), s.ll));
+  length = hn::MulAdd(hn::Mul(p, p), s.pp, length);
+  length = hn::MulAdd(hn::Mul(mean, mean), s.w, length);
+  const V mixed = hn::MulAdd(l, s.tl, hn::Mul(p, s.tp));
+  length = hn::Add(length, times_2(t, mixed));
+  length = hn::Add(length, times_2(hn::Mul(l, p), s.lp));
+  const V with_mean = hn::MulAdd(t, s.t, hn::MulAdd(l, s.l, hn::Mul(p, s.p)));
+  return hn::Add(length, times_2(mean, with_mean));
+}
+
+// Takes off what curvature adds on average, as Fit::unbiased in likelihood_pixel.cpp does it: one
+// more step with the samples' expected shift as their residual.
+//   weights  [j] of the samples at the point evaluated last, `at`
+//   next     where the search ended
+template <bool kQuartered>
+HWY_INLINE State unbiased(const BatchPlan& plan, const SweepBasis& basis, const PixelBatch& batch,
+                          std::size_t first, const Pixels& pixels, const V* weights,
+                          const Sums& sums, const Solution& x, const State& at, const State& next,
+                          M where, Harmonics& harmonics) {
+  const D d;
+  const auto there = [&](V value) HWY_ATTR { return hn::IfThenElseZero(where, value); };
+  const Reflectance reflectance = reflectance_at(at.logit);
+  const V slope = hn::Mul(pixels.level, reflectance.slope);
+  const V half = hn::Set(d, 0.5F);
+  const V bend =  // half of R_d'' / R_d' times the variance of t
+      there(hn::Mul(hn::Sub(half, reflectance.value), x.tt));
+  harmonics.set_expected_shift(batch, basis, first, hn::Add(pixels.position_px, at.phase_px),
+                               plan.is_free ? hn::Zero(d) : hn::Mul(slope, bend), there(x.tt),
+                               there(x.tl), there(x.ll), there(x.tp), there(x.lp), there(x.pp));
+  Sums shifted = sums;
+  shifted.e = shifted.et = shifted.el = shifted.ep = hn::Zero(d);
+  harmonics.template for_samples<kQuartered>(
+      basis, batch, first, [&](std::size_t j, const Sample& model) HWY_ATTR {
+        const V shift = hn::Mul(weights[j], model.value);
+        shifted.e = hn::Add(shifted.e, shift);
+        shifted.et = hn::MulAdd(shift, model.by_logit, shifted.et);
+        shifted.el = hn::MulAdd(shift, model.by_log, shifted.el);
+        shifted.ep = hn::MulAdd(shift, model.by_phase, shifted.ep);
+      });
+  const Solution step = solve(plan, shifted, slope);
+  const V t = hn::Sub(step.t, bend), l = hn::NegMulAdd(half, x.ll, step.l);
+  const V length = squared_length(sums, t, l, plan.is_free ? step.mean : hn::Mul(slope, t), step.p);
+  const V greatest = hn::Set(d, kGreatestCorrection);
+  const V share = hn::Div(greatest, hn::Max(hn::Sqrt(hn::Max(length, hn::Zero(d))), greatest));
+  return {hn::MulAdd(share, t, next.logit), hn::MulAdd(share, l, next.log),
+          hn::MulAdd(share, step.mean, next.mean), hn::MulAdd(share, step.p, next.phase_px)};
+}
+
 template <bool kQuartered, bool kHasLost>
 HWY_INLINE void search(const BatchPlan& plan, const SweepBasis& basis, const PixelBatch& batch,
                        std::size_t first, const Pixels& pixels, const State& from, M active,
@@ -439,21 +494,27 @@ HWY_INLINE void search(const BatchPlan& plan, const SweepBasis& basis, const Pix
       plan, batch, first,
       hn::Mul(pixels.noise_sd, hn::Set(d, is_aliased ? kToleranceIfAliased : kToleranceOfNoise)),
       hn::Mul(pixels.noise_sd, hn::Set(d, kTruncation)));
-  State state = from;
+  State state = from, next = from;
   V length_before = hn::Set(d, kFirstLength);
+  // Lanes whose search has ended stay where they are, so that in the end all are at their last
+  // point.
+  M ended = hn::Lt(least_t, least_t);
+  Sums sums;
+  Solution x;
+  V weights[kMostBatchSamples];
   for (int count = 0; count < kMostSteps && !hn::AllFalse(d, active); ++count) {
     const Reflectance reflectance = reflectance_at(state.logit);
     if (!plan.is_free) state.mean = hn::Mul(pixels.level, reflectance.value);
-    active = hn::And(active, harmonics.evaluate(plan, basis, batch, first, state.logit, state.log,
-                                                hn::Add(pixels.position_px, state.phase_px),
-                                                state.mean, active, count == 0 ? kRough : 1.0F));
-    Sums sums;
+    active =
+        hn::And(active, harmonics.evaluate(plan, basis, batch, first, state.logit, state.log,
+                                           hn::Add(pixels.position_px, state.phase_px), state.mean,
+                                           hn::Or(active, ended), count == 0 ? kRough : 1.0F));
     clear(sums);
     harmonics.template for_samples<kQuartered>(
         basis, batch, first, [&](std::size_t j, const Sample& model) HWY_ATTR {
-          add_sample<kHasLost>(pixels.noise, model, pixels.measured[j], sums);
+          weights[j] = add_sample<kHasLost>(pixels.noise, model, pixels.measured[j], sums);
         });
-    const Solution x = solve(plan, sums, hn::Mul(pixels.level, reflectance.slope));
+    x = solve(plan, sums, hn::Mul(pixels.level, reflectance.slope));
     active = hn::And(active, x.is_definite);
     V longest =
         hn::Max(hn::Set(d, 1.0F), hn::Mul(hn::Abs(x.t), hn::Set(d, 1 / kGreatestLogitStep)));
@@ -461,7 +522,6 @@ HWY_INLINE void search(const BatchPlan& plan, const SweepBasis& basis, const Pix
     longest = hn::Max(
         longest, hn::Mul(hn::Abs(x.p), hn::Set(d, 8 / static_cast<float>(plan.shape.period_px))));
     const V share = hn::Div(hn::Set(d, 1.0F), longest);
-    State next;
     next.logit = hn::MulAdd(x.t, share, state.logit);
     next.log = hn::MulAdd(x.l, share, state.log);
     next.mean = hn::MulAdd(x.mean, share, state.mean);
@@ -475,8 +535,7 @@ HWY_INLINE void search(const BatchPlan& plan, const SweepBasis& basis, const Pix
     const V held_t = hn::Min(hn::Max(next.logit, least_t), greatest_t),
             held_l = hn::Min(hn::Max(next.log, least_l), greatest_l);
     const M is_inside = hn::And(hn::Eq(held_t, next.logit), hn::Eq(held_l, next.log));
-    const M ends = hn::And(is_last, is_inside);
-    if (!hn::AllFalse(d, ends)) finish(plan, pixels, sums, x, reflectance.slope, next, ends, out);
+    ended = hn::Or(ended, hn::And(is_last, is_inside));
     // At the border of the table twice in a row: the exact model goes on.
     const M is_stuck = hn::And(hn::Eq(held_t, state.logit), hn::Eq(held_l, state.log));
     active = hn::AndNot(hn::Or(is_last, hn::AndNot(is_inside, is_stuck)), active);
@@ -485,6 +544,10 @@ HWY_INLINE void search(const BatchPlan& plan, const SweepBasis& basis, const Pix
     state.mean = hn::IfThenElse(active, next.mean, state.mean);
     state.phase_px = hn::IfThenElse(active, next.phase_px, state.phase_px);
   }
+  if (hn::AllFalse(d, ended)) return;
+  const State best = unbiased<kQuartered>(plan, basis, batch, first, pixels, weights, sums, x,
+                                          state, next, ended, harmonics);
+  finish(plan, pixels, sums, x, reflectance_at(next.logit).slope, best, ended, out);
 }
 
 HWY_INLINE void store(const BatchPlan& plan, const Pixels& pixels, const Start& begun,

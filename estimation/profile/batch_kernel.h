@@ -31,8 +31,7 @@ struct BatchPlan {
   StripeShape shape;
   float projector_black_frac = 0;
   bool is_free = true;
-  int harmonic_count = 0;   // used at most
-  bool is_cut_off = false;  // by the caller's choice, not by the table's end
+  int harmonic_count = 0;  // of the table
   std::array<Noise, kMostNoise> noise{};
   std::size_t noise_count = 0;
 };

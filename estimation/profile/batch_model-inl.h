@@ -134,8 +134,7 @@ class Harmonics {
         hn::Store(hn::Mul(truncation, per_factor), d, greatest_last_);
     }
     // Harmonics without a factor are none.
-    is_cut_off_ = plan.is_cut_off ||
-                  (!batch.factor_re.empty() && batch.factor_count - 1 <= plan.harmonic_count);
+    is_cut_off_ = !batch.factor_re.empty() && batch.factor_count - 1 <= plan.harmonic_count;
   }
 
   // False in lanes whose table lacks harmonics that matter. Lanes that are not wanted may hold
@@ -144,11 +143,12 @@ class Harmonics {
                         std::size_t first, V logit, V log, V position_px, V mean, M wanted,
                         float coarseness) {
     const D d;
-    const std::size_t blocks = load_nodes(plan, logit, log, wanted, coarseness);
+    const std::size_t blocks = block_count_ = load_nodes(plan, logit, log, wanted, coarseness);
     const float period_px = static_cast<float>(plan.shape.period_px);
     per_period_ = 1 / period_px;
     const Complex turn = unit_at(hn::Mul(position_px, hn::Set(d, per_period_)));
-    const std::size_t count = std::min(4 * blocks, static_cast<std::size_t>(plan.harmonic_count));
+    const std::size_t count = harmonic_count_ =
+        std::min(4 * blocks, static_cast<std::size_t>(plan.harmonic_count));
     bin_count_ = std::min(count + 1, basis.bin_stride);
     for (std::size_t part = 0; part < kParts; ++part) bins_[0][part] = hn::Zero(d);
     bins_[0][kValueRe] = mean;
@@ -164,6 +164,39 @@ class Harmonics {
       }
     }
     return hn::RebindMask(d, hn::Ne(hn::Load(DI(), suffices_), hn::Zero(DI())));
+  }
+
+  // Puts the samples' expected shift in the place of their value: 1/2 tr(H C) for second
+  // derivatives H at the point evaluated last and a covariance C of (t, ln l, phase) there.
+  //   mean  what the mean shifts
+  HWY_INLINE void set_expected_shift(const PixelBatch& batch, const SweepBasis& basis,
+                                     std::size_t first, V position_px, V mean, V tt, V tl, V ll,
+                                     V tp, V lp, V pp) {
+    const D d;
+    load_curvature(tt, tl, ll);
+    const Complex turn = unit_at(hn::Mul(position_px, hn::Set(d, per_period_)));
+    const float wave_per_px = static_cast<float>(2 * std::numbers::pi) * per_period_;
+    const V half_pp = hn::Mul(pp, hn::Set(d, 0.5F * wave_per_px * wave_per_px));
+    const V turn_t = hn::Mul(tp, hn::Set(d, wave_per_px)),
+            turn_l = hn::Mul(lp, hn::Set(d, wave_per_px));
+    bins_[0][kValueRe] = mean;
+    Complex unit = turn;
+    for (std::size_t block = 0; 4 * block < harmonic_count_; ++block) {
+      V values[4][4];  // [value, d/dt, d/dlambda, 1/2 tr(H C)][harmonic]
+      for (std::size_t value = 0; value < 4; ++value)
+        harmonics_of_block(value, block, values[value]);
+      for (std::size_t i = 0; i < 4 && 4 * block + i < harmonic_count_; ++i) {
+        const std::size_t n = 4 * block + i + 1;
+        const V order = hn::Set(d, static_cast<float>(n));
+        const Complex shift{
+            hn::NegMulAdd(hn::Mul(hn::Mul(order, order), half_pp), values[0][i], values[3][i]),
+            hn::Mul(order, hn::MulAdd(turn_t, values[1][i], hn::Mul(turn_l, values[2][i])))};
+        const Complex g = times(shift, doubled_factor(batch, n, unit, first));
+        const V parts[2] = {g.re, g.im};
+        add_to_bin(basis, n, parts);
+        unit = times(unit, turn);
+      }
+    }
   }
 
   // Calls add(j, sample) for each of the sweep's samples.
@@ -217,7 +250,7 @@ class Harmonics {
     hn::Store(hn::BitCast(di, hn::VecFromMask(d, wanted)), di, is_wanted);
     const float* const nodes = table.node(0, 0).data();
     const std::size_t stride = table.harmonic_stride();
-    std::size_t used[kLanes];
+    curvature_stride_ = stride;
     std::size_t most = 1;
     const std::size_t last = plan.block_count - 1;
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
@@ -226,18 +259,44 @@ class Harmonics {
       std::size_t count = is_wanted[lane] != 0 ? plan.block_count : 1;
       while (count > 1 && sizes[count - 1] < coarseness * least_size_[count - 1][lane]) --count;
       suffices_[lane] = is_cut_off_ || sizes[last] <= greatest_last_[lane] ? 1 : 0;
-      load_node(nodes + node * HarmonicTable::kTerms * stride, stride, dt[lane], dl[lane], count,
-                lane);
-      used[lane] = count;
+      node_of_[lane] = nodes + node * HarmonicTable::kTerms * stride;
+      load_node(node_of_[lane], stride, dt[lane], dl[lane], count, lane);
+      used_[lane] = count;
       most = std::max(most, count);
     }
+    for (std::size_t value = 0; value < 3; ++value) clear_unused(value, most);
+    return most;
+  }
+
+  HWY_INLINE void clear_unused(std::size_t value, std::size_t most) {
     const hn::CappedTag<float, 4> d4;
     for (std::size_t lane = 0; lane < kLanes; ++lane)
-      for (std::size_t block = used[lane]; block < most; ++block)
-        for (std::size_t value = 0; value < 3; ++value)
-          for (std::size_t i = 0; i < 4; i += hn::Lanes(d4))
-            hn::Store(hn::Zero(d4), d4, slot(value, block, lane) + i);
-    return most;
+      for (std::size_t block = used_[lane]; block < most; ++block)
+        for (std::size_t i = 0; i < 4; i += hn::Lanes(d4))
+          hn::Store(hn::Zero(d4), d4, slot(value, block, lane) + i);
+  }
+
+  // The nodes' second derivatives times this covariance, halved, as a fourth value.
+  HWY_INLINE void load_curvature(V tt, V tl, V ll) {
+    const hn::CappedTag<float, 4> d4;
+    HWY_ALIGN float c_tt[kLanes], c_tl[kLanes], c_ll[kLanes];
+    hn::Store(tt, D(), c_tt);
+    hn::Store(tl, D(), c_tl);
+    hn::Store(ll, D(), c_ll);
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const float* const terms = node_of_[lane] + 3 * curvature_stride_;
+      const auto vtt = hn::Set(d4, c_tt[lane]), vtl = hn::Set(d4, c_tl[lane]),
+                 vll = hn::Set(d4, c_ll[lane]);
+      for (std::size_t n = 0; n < 4 * used_[lane]; n += hn::Lanes(d4)) {
+        const float* const at = terms + n;
+        const auto shift =
+            hn::MulAdd(vtt, hn::LoadU(d4, at),
+                       hn::MulAdd(vtl, hn::LoadU(d4, at + curvature_stride_),
+                                  hn::Mul(vll, hn::LoadU(d4, at + 2 * curvature_stride_))));
+        hn::Store(shift, d4, slot(3, n / 4, lane) + n % 4);
+      }
+    }
+    clear_unused(3, block_count_);
   }
 
   HWY_INLINE float* slot(std::size_t value, std::size_t block, std::size_t lane) {
@@ -299,8 +358,7 @@ class Harmonics {
   HWY_INLINE void set_harmonic(const PixelBatch& batch, const SweepBasis& basis, std::size_t first,
                                std::size_t n, Complex unit, V a, V by_logit, V by_log) {
     const D d;
-    Complex g = batch.factor_re.empty() ? unit : times(unit, factor_of(batch, n, first));
-    g = {hn::Add(g.re, g.re), hn::Add(g.im, g.im)};
+    const Complex g = doubled_factor(batch, n, unit, first);
     const float wave_per_px = static_cast<float>(2 * std::numbers::pi) * per_period_;
     const V turned = hn::Mul(a, hn::Set(d, wave_per_px * static_cast<float>(n)));
     const V parts[kParts] = {hn::Mul(a, g.re),
@@ -311,12 +369,23 @@ class Harmonics {
                              hn::Mul(by_log, g.im),
                              hn::Neg(hn::Mul(turned, g.im)),
                              hn::Mul(turned, g.re)};
+    add_to_bin(basis, n, parts);
+  }
+
+  static HWY_INLINE Complex doubled_factor(const PixelBatch& batch, std::size_t n, Complex unit,
+                                           std::size_t first) {
+    const Complex g = batch.factor_re.empty() ? unit : times(unit, factor_of(batch, n, first));
+    return {hn::Add(g.re, g.re), hn::Add(g.im, g.im)};
+  }
+
+  template <std::size_t kCount>
+  HWY_INLINE void add_to_bin(const SweepBasis& basis, std::size_t n, const V (&parts)[kCount]) {
     if (n < basis.bin_stride) {
-      for (std::size_t part = 0; part < kParts; ++part) bins_[n][part] = parts[part];
+      for (std::size_t part = 0; part < kCount; ++part) bins_[n][part] = parts[part];
       return;
     }
     V* const bin = bins_[basis.bin_of[n]];
-    for (std::size_t part = 0; part < kParts; part += 2) {
+    for (std::size_t part = 0; part < kCount; part += 2) {
       bin[part] = hn::Add(bin[part], parts[part]);
       bin[part + 1] = basis.is_mirrored[n] ? hn::Sub(bin[part + 1], parts[part + 1])
                                            : hn::Add(bin[part + 1], parts[part + 1]);
@@ -443,7 +512,10 @@ class Harmonics {
     return {hn::Sub(a[0], b[0]), hn::Sub(a[1], b[1]), hn::Sub(a[2], b[2]), hn::Sub(a[3], b[3])};
   }
 
-  HWY_ALIGN float nodes_[3][kMostBlocks][4][kRowFloats];
+  HWY_ALIGN float nodes_[4][kMostBlocks][4][kRowFloats];
+  const float* node_of_[kLanes];
+  std::size_t used_[kLanes];  // blocks of each lane
+  std::size_t curvature_stride_ = 0, block_count_ = 0, harmonic_count_ = 0;
   HWY_ALIGN float least_size_[kMostBlocks][kLanes];  // of a block that matters
   HWY_ALIGN float greatest_last_[kLanes];            // of the table's last block
   HWY_ALIGN std::int32_t suffices_[kLanes];

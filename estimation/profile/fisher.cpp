@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "estimation/profile/pixel_model.h"
 #include "estimation/profile/small_matrix.h"
@@ -75,18 +76,22 @@ std::optional<SymmetricMatrix> cramer_rao_bound(const FitProblem& problem, const
     return std::nullopt;
   const double reflectance = 1 / (1 + std::exp(-truth.shape.logit_reflectance));
   const double by_logit = reflectance / (1 + std::exp(truth.shape.logit_reflectance));
+  std::vector<double> variances, white[kUnknowns];
+  for (const double harmonics : samples.harmonics)
+    variances.push_back(model.variance(harmonics + model.level() * (reflectance + truth.indirect)));
+  for (double& slope : samples.by_logit) slope += model.level() * by_logit;
+  SampleSpace space;
+  model.choose_space(space);
+  space.set_variances(variances);
+  space.whiten(samples.by_logit, white[0]);
+  space.whiten(samples.by_log, white[1]);
+  space.whiten(std::vector<double>(model.sample_count(), model.level()), white[2]);
+  space.whiten(samples.by_phase, white[3]);
   SymmetricMatrix information{};
-  for (std::size_t sample = 0; sample < model.sample_count(); ++sample) {
-    const double expected =
-        samples.harmonics[sample] + model.level() * (reflectance + truth.indirect);
-    const double weight = 1 / model.variance(expected);
-    const std::array<double, kUnknowns> slope = {
-        samples.by_logit[sample] + model.level() * by_logit, samples.by_log[sample], model.level(),
-        samples.by_phase[sample]};
-    for (std::size_t i = 0; i < kUnknowns; ++i)
-      for (std::size_t j = 0; j <= i; ++j)
-        information[covariance_index(i, j)] += weight * slope[i] * slope[j];
-  }
+  for (std::size_t i = 0; i < kUnknowns; ++i)
+    for (std::size_t j = 0; j <= i; ++j)
+      information[covariance_index(i, j)] =
+          std::inner_product(white[i].begin(), white[i].end(), white[j].begin(), 0.0);
   return inverse_information(information, problem.indirect);
 }
 

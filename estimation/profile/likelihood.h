@@ -34,7 +34,9 @@ struct FitProblem {
   double projector_black_frac = 0;     // b
   const ScatteringModel* model = nullptr;
   const HarmonicTable* table = nullptr;  // of `model` and `shape`, over what the scene occupies
-  int harmonic_count = 0;                // used at most; 0: all that the data can hold
+  // Of the data, used at most: the mean and these harmonics of them, least squares without weights,
+  // are fitted by the same of the whole model. 0, or where the shifts hold no more: all samples.
+  int harmonic_count = 0;
   IndirectLight indirect = IndirectLight::kFree;
 };
 
@@ -61,6 +63,9 @@ constexpr std::size_t covariance_index(std::size_t row, std::size_t col) {
   return row >= col ? row * (row + 1) / 2 + col : col * (col + 1) / 2 + row;
 }
 
+// R_d, l_d, B and phase have no bias to second order in the noise: t and ln l_d are those of R_d
+// and l_d, such that t itself is off by (R_d - 1/2) Var(t) and ln l_d by -1/2 Var(ln l_d). The
+// correction is at most half a standard deviation; chi-square is that of the greatest likelihood.
 struct PixelFit {
   double logit_reflectance = 0;         // t
   double log_translucency_px = 0;       // ln(l_d / projector px)

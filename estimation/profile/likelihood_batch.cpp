@@ -26,17 +26,16 @@ void store(const PixelFit& pixel, std::size_t i, BatchFit& fit) {
   fit.validity[i] = pixel.validity;
 }
 
-int harmonics_used(const FitProblem& problem) {
-  const int table = problem.table->harmonic_count();
-  return problem.harmonic_count > 0 ? std::min(problem.harmonic_count, table) : table;
-}
-
-// What the vectors cannot do is left to fit_pixel: no table, or more than they hold.
+// What the vectors cannot do is left to fit_pixel: no table, more than they hold, or only some of
+// the harmonics that the samples hold.
 bool is_for_vectors(const FitProblem& problem) {
-  return problem.table != nullptr && problem.table->rows() > 0 && harmonics_used(problem) >= 2 &&
-         harmonics_used(problem) <= static_cast<int>(kMostBatchHarmonics) &&
-         problem.shifts_px.size() >= 5 && problem.shifts_px.size() <= kMostBatchSamples &&
-         !problem.noise.empty() && problem.noise.size() <= BatchPlan::kMostNoise;
+  if (problem.table == nullptr || problem.table->rows() == 0) return false;
+  const auto samples = static_cast<int>(problem.shifts_px.size());
+  const int harmonic_count = problem.table->harmonic_count();
+  return (problem.harmonic_count == 0 || 2 * problem.harmonic_count + 1 >= samples) &&
+         harmonic_count >= 2 && harmonic_count <= static_cast<int>(kMostBatchHarmonics) &&
+         samples >= 5 && samples <= static_cast<int>(kMostBatchSamples) && !problem.noise.empty() &&
+         problem.noise.size() <= BatchPlan::kMostNoise;
 }
 
 // BatchPlan::sizes.
@@ -88,7 +87,7 @@ class BatchFitter::Prepared {
  public:
   explicit Prepared(const FitProblem& problem) : problem_(problem) {
     if (!is_for_vectors(problem)) return;
-    const int harmonic_count = harmonics_used(problem);
+    const int harmonic_count = problem.table->harmonic_count();
     basis_.emplace();
     make_sweep_basis(problem, {}, harmonic_count, Symmetry::kUsed, *basis_);
     if (!basis_->can_start || basis_->second > harmonic_count) {
@@ -105,7 +104,6 @@ class BatchFitter::Prepared {
     plan_.projector_black_frac = static_cast<float>(problem.projector_black_frac);
     plan_.is_free = problem.indirect == IndirectLight::kFree;
     plan_.harmonic_count = harmonic_count;
-    plan_.is_cut_off = problem.harmonic_count == harmonic_count;
     for (const MergedNoise& noise : problem.noise)
       plan_.noise[plan_.noise_count++] = in_floats(noise);
   }

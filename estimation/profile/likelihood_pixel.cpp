@@ -4,6 +4,7 @@
 #include <complex>
 #include <limits>
 #include <numbers>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -40,6 +41,11 @@ constexpr double kReweighingStep = 1e-4;
 // Squared length of a step, in standard deviations, that is the last one: what remains after it is
 // smaller by the model's curvature over the noise.
 constexpr double kLastStep = 1e-6;
+// In standard deviations: where second order asks for more, higher ones matter as much.
+constexpr double kGreatestCorrection = 0.5;
+// Between the table's nodes chi-square has seams, at which a step this short (squared) may find no
+// descent: there the search has ended.
+constexpr double kStepAtSeam = 1e-4;
 constexpr double kGreatestLogitStep = 2, kGreatestLogStep = 1.5;
 constexpr double kShortening = 0.4;
 constexpr int kShortenings = 3;
@@ -61,6 +67,10 @@ double reflectance_slope(double logit) {
   return 1 / ((1 + std::exp(-logit)) * (1 + std::exp(logit)));
 }
 double logit_of(double reflectance) { return std::log(reflectance / (1 - reflectance)); }
+
+double product(const std::vector<double>& a, const std::vector<double>& b) {
+  return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
+}
 
 // A point of the search. The mean R_d + B takes the place of B: it is linear, and independent of
 // the rest.
@@ -113,7 +123,10 @@ std::optional<Demodulated> demodulate(PixelModel& model, int second_harmonic) {
 struct Workspace {
   PixelModel model;
   ModelSamples samples, trial_samples;
-  std::vector<double> weight;
+  SampleSpace space;
+  std::vector<double> in_samples;  // one number a sample, on its way to the space
+  std::vector<double> residual;    // of a trial, whitened
+  std::array<std::vector<double>, kUnknowns> slopes;  // whitened, at the current point
 };
 
 class Fit {
@@ -124,7 +137,10 @@ class Fit {
         model_(work.model),
         samples_(work.samples),
         trial_samples_(work.trial_samples),
-        weight_(work.weight) {
+        space_(work.space),
+        in_samples_(work.in_samples),
+        residual_(work.residual),
+        slopes_(work.slopes) {
     if (problem.table != nullptr && problem.table->rows() > 0) range_ = problem.table->range();
     // Stripes half as wide as their period have no second harmonic.
     if (std::abs(envelope(2)) < kNoHarmonic) second_ = 3;
@@ -150,7 +166,8 @@ class Fit {
   bool evaluate(const Point& point, ModelSamples& samples);
   double expected(const Point& point, const ModelSamples& samples, std::size_t sample) const;
   void weigh(const Point& point, const ModelSamples& samples);
-  double chi_square(const Point& point, const ModelSamples& samples) const;
+  void whiten_residual(const Point& point, const ModelSamples& samples);
+  double chi_square(const Point& point, const ModelSamples& samples);
   void assemble(const Point& point, const ModelSamples& samples);
   std::optional<std::array<double, kUnknowns>> step(double damping) const;
   double squared_length(const std::array<double, kUnknowns>& step) const;
@@ -164,12 +181,15 @@ class Fit {
   std::uint32_t search_from(const Demodulated& data, Point& point);
   SymmetricMatrix information(const Point& point) const;
   std::uint32_t reason_at_limit(const Point& point) const;
-  PixelFit result(const Point& point) const;
+  Point unbiased(const Point& point);
+  PixelFit result(const Point& point);
 
   const FitProblem& problem_;
   PixelModel& model_;
   ModelSamples &samples_, &trial_samples_;
-  std::vector<double>& weight_;
+  SampleSpace& space_;
+  std::vector<double>&in_samples_, &residual_;
+  std::array<std::vector<double>, kUnknowns>& slopes_;
   ShapeRange range_;  // of starts
   int second_ = 2;    // the harmonic that a start compares with the first
   double tolerance_ = 0;
@@ -285,43 +305,41 @@ double Fit::expected(const Point& point, const ModelSamples& samples, std::size_
 }
 
 void Fit::weigh(const Point& point, const ModelSamples& samples) {
-  weight_.resize(model_.sample_count());
-  for (std::size_t i = 0; i < weight_.size(); ++i)
-    weight_[i] = 1 / model_.variance(expected(point, samples, i));
+  in_samples_.resize(model_.sample_count());
+  for (std::size_t i = 0; i < in_samples_.size(); ++i)
+    in_samples_[i] = model_.variance(expected(point, samples, i));
+  space_.set_variances(in_samples_);
 }
 
-double Fit::chi_square(const Point& point, const ModelSamples& samples) const {
-  double sum = 0;
-  for (std::size_t i = 0; i < weight_.size(); ++i) {
-    const double residual = model_.reflectance()[i] - expected(point, samples, i);
-    sum += weight_[i] * residual * residual;
-  }
-  return sum;
+void Fit::whiten_residual(const Point& point, const ModelSamples& samples) {
+  in_samples_.resize(model_.sample_count());
+  for (std::size_t i = 0; i < in_samples_.size(); ++i)
+    in_samples_[i] = model_.reflectance()[i] - expected(point, samples, i);
+  space_.whiten(in_samples_, residual_);
+}
+
+double Fit::chi_square(const Point& point, const ModelSamples& samples) {
+  whiten_residual(point, samples);
+  return product(residual_, residual_);
 }
 
 void Fit::assemble(const Point& point, const ModelSamples& samples) {
-  normal_ = {};
-  gradient_ = {};
-  chi_square_ = 0;
   const double mean_slope =
       is_free() ? 0 : model_.level() * reflectance_slope(point.shape.logit_reflectance);
-  const double level = is_free() ? model_.level() : 0;
-  for (std::size_t sample = 0; sample < weight_.size(); ++sample) {
-    const double weight = weight_[sample];
-    const double residual = model_.reflectance()[sample] - expected(point, samples, sample);
-    const std::array<double, kUnknowns> slope = {samples.by_logit[sample] + mean_slope,
-                                                 samples.by_log[sample], level,
-                                                 samples.by_phase[sample]};
-    for (std::size_t i = 0; i < kUnknowns; ++i) {
-      const double weighted = weight * slope[i];
-      gradient_[i] += weighted * residual;
-      for (std::size_t j = 0; j <= i; ++j) normal_[i][j] += weighted * slope[j];
-    }
-    chi_square_ += weight * residual * residual;
+  in_samples_ = samples.by_logit;
+  for (double& slope : in_samples_) slope += mean_slope;
+  space_.whiten(in_samples_, slopes_[0]);
+  space_.whiten(samples.by_log, slopes_[1]);
+  in_samples_.assign(in_samples_.size(), is_free() ? model_.level() : 0);
+  space_.whiten(in_samples_, slopes_[2]);
+  space_.whiten(samples.by_phase, slopes_[3]);
+  chi_square_ = chi_square(point, samples);
+  for (std::size_t i = 0; i < kUnknowns; ++i) {
+    gradient_[i] = product(slopes_[i], residual_);
+    for (std::size_t j = 0; j <= i; ++j)
+      normal_[i][j] = normal_[j][i] = product(slopes_[i], slopes_[j]);
   }
   if (!is_free()) normal_[2][2] = 1;
-  for (std::size_t i = 0; i < kUnknowns; ++i)
-    for (std::size_t j = i + 1; j < kUnknowns; ++j) normal_[i][j] = normal_[j][i];
 }
 
 std::optional<std::array<double, kUnknowns>> Fit::step(double damping) const {
@@ -444,6 +462,8 @@ std::uint32_t Fit::search(Point& point) {
     } else if (is_leaving) {
       if (!is_worth_the_model()) break;
       may_leave_table_ = true;
+    } else if (damping == 0 && length < kStepAtSeam) {
+      return 0;
     } else {
       damping = std::max(kFirstDamping, damping * kMoreDamping);
     }
@@ -462,20 +482,53 @@ std::uint32_t Fit::search_from(const Demodulated& data, Point& point) {
   return search(point) == 0 ? 0 : reason;
 }
 
-PixelFit Fit::result(const Point& point) const {
-  PixelFit fit{.logit_reflectance = point.shape.logit_reflectance,
-               .log_translucency_px = point.shape.log_translucency_px,
-               .phase_px = point.phase_px,
-               .chi_square = chi_square_,
-               .degrees_of_freedom =
-                   static_cast<int>(model_.sample_count()) - static_cast<int>(unknown_count())};
-  if (is_free()) fit.indirect = point.mean - reflectance_at(point.shape.logit_reflectance);
+// Least squares on a curved model are off on average, by -C J^T W q (M. J. Box, Bias in nonlinear
+// estimation, J. R. Statist. Soc. B 33 (1971)) with q the samples' expected shift: a step with q in
+// the residual's place takes that off. Weights that follow the model add nothing of this order:
+// what they add to the noise's share of the gradient they take from the curvature's. R_d and l_d
+// bend over t and ln l, so that these are moved on to where R_d and l_d have no bias.
+Point Fit::unbiased(const Point& point) {
+  const auto inverse = inverse_of(normal_);
+  if (!inverse) return point;
+  std::array<double, 10> covariance{};
+  for (std::size_t i = 0; i < kUnknowns; ++i)
+    for (std::size_t j = 0; j <= i; ++j) covariance[covariance_index(i, j)] = (*inverse)[i][j];
+  if (!model_.expected_shift(point.shape, point.phase_px, tolerance_, harmonics_, covariance,
+                             in_samples_))
+    return point;
+  const double logit = point.shape.logit_reflectance, half_variance = 0.5 * (*inverse)[0][0];
+  const double bend = 1 - 2 * reflectance_at(logit);  // R_d'' / R_d'
+  if (!is_free())
+    for (double& shift : in_samples_)
+      shift += model_.level() * reflectance_slope(logit) * bend * half_variance;
+  space_.whiten(in_samples_, residual_);
+  std::array<double, kUnknowns> change{};
+  for (std::size_t i = 0; i < kUnknowns; ++i)
+    for (std::size_t j = 0; j < kUnknowns; ++j)
+      change[i] += (*inverse)[i][j] * product(slopes_[j], residual_);
+  if (!is_free()) change[2] = 0;
+  change[0] -= bend * half_variance;
+  change[1] -= 0.5 * (*inverse)[1][1];
+  const double share = std::min(1.0, kGreatestCorrection / std::sqrt(squared_length(change)));
+  return {.shape = {logit + share * change[0], point.shape.log_translucency_px + share * change[1]},
+          .mean = point.mean + share * change[2],
+          .phase_px = point.phase_px + share * change[3]};
+}
+
+PixelFit Fit::result(const Point& point) {
   const SymmetricMatrix known = information(point);
   const auto covariance = inverse_information(known, problem_.indirect);
   if (!covariance || !is_identifiable(known, *covariance, problem_.indirect))
-    fit.validity = kNotIdentifiable;
-  else
-    fit.covariance = *covariance;
+    return {.validity = kNotIdentifiable};
+  const Point best = unbiased(point);
+  PixelFit fit{
+      .logit_reflectance = best.shape.logit_reflectance,
+      .log_translucency_px = best.shape.log_translucency_px,
+      .phase_px = best.phase_px,
+      .covariance = *covariance,
+      .chi_square = chi_square_,
+      .degrees_of_freedom = static_cast<int>(space_.size()) - static_cast<int>(unknown_count())};
+  if (is_free()) fit.indirect = best.mean - reflectance_at(best.shape.logit_reflectance);
   return fit;
 }
 
@@ -487,6 +540,8 @@ PixelFit Fit::run() {
   const auto data = demodulated();
   if (!data) return refused(reason_for_too_few());
   if (const std::uint32_t reason = check_contrast(*data)) return refused(reason);
+  model_.choose_space(space_);
+  if (space_.size() < unknown_count()) return refused(kNotIdentifiable);
   Point point;
   if (const std::uint32_t reason = search_from(*data, point)) return refused(reason);
   return result(point);

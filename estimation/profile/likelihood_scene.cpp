@@ -46,10 +46,10 @@ void copy_element(const BatchFit& source, std::size_t from, BatchFit& target, st
     target.covariance[c * target.stride + to] = source.covariance[c * source.stride + from];
 }
 
-// As many harmonics as the sharpest material of the range shows, at most `limit` (0: no limit).
-int visible_harmonics(const ScatteringModel& model, StripeShape shape, const ShapeRange& range,
-                      int limit) {
-  const int greatest = limit > 0 ? std::min(limit, kGreatestHarmonicCount) : kGreatestHarmonicCount;
+// As many harmonics as the sharpest material of the range shows. Those that a fit is not to use are
+// in the samples all the same.
+int visible_harmonics(const ScatteringModel& model, StripeShape shape, const ShapeRange& range) {
+  constexpr int greatest = kGreatestHarmonicCount;
   const double duty = static_cast<double>(shape.width_px) / shape.period_px;
   const double l_d_px = std::exp(range.least.log_translucency_px);
   std::vector<double> k_times_l_d(static_cast<std::size_t>(greatest) + 1), transform;
@@ -206,7 +206,7 @@ BandLikelihood::BandLikelihood(const StripeScene& scene, const BandRadiometry& r
   if (!found) return;
   typical_ = found->typical;
   table_.emplace(scene.model, shape, found->range,
-                 visible_harmonics(scene.model, shape, found->range, harmonic_count));
+                 visible_harmonics(scene.model, shape, found->range));
 }
 
 double BandLikelihood::full_signal_per_us(Site site) const {

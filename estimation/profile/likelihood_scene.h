@@ -30,7 +30,7 @@ struct SiteFits {
 class BandLikelihood {
  public:
   // Fits a few thousand sites to learn the range the scene occupies.
-  //   harmonic_count  used at most; 0: all that rise above a tenth of the noise
+  //   harmonic_count  of the data, used at most; 0: all samples (FitProblem)
   BandLikelihood(const StripeScene& scene, const BandRadiometry& radiometry, int harmonic_count,
                  IndirectLight indirect, const SweepCorrection& correction = {});
 

@@ -15,6 +15,8 @@ constexpr int kBlock = 16;
 constexpr int kHarmonicsPerPx = 8;
 // Of the exact model's central differences; errs by 1e-8 of the derivative.
 constexpr double kDifferenceStep = 1e-4;
+// Of the differences of those; errs by 1e-4 of the second derivative, which only corrects a bias.
+constexpr double kCurvatureStep = 0.02;
 // Where a table's last harmonics are this many tolerances high, those that it lacks matter.
 constexpr double kTruncation = 15;
 // Of full light: without any noise stated, rounding is what is left.
@@ -115,7 +117,6 @@ double PixelModel::variance(double reflectance) const {
 
 int PixelModel::most_harmonics() const {
   int most = kHarmonicsPerPx * problem_->shape.period_px;
-  if (problem_->harmonic_count > 0) most = std::min(most, problem_->harmonic_count);
   if (!batch_->factor_re.empty()) most = std::min(most, batch_->factor_count - 1);
   return most;
 }
@@ -213,6 +214,97 @@ bool PixelModel::append_from_model(ShapePoint shape, int count) {
     if (!std::isfinite(value_.back() + by_log_.back() + by_logit_.back())) return false;
   }
   return true;
+}
+
+// A node's second derivatives hold in its middle: between nodes, bilinear.
+void PixelModel::curvature_between_nodes(ShapePoint shape) {
+  const HarmonicTable& table = *problem_->table;
+  const ShapePoint& least = table.range().least;
+  const auto place = [](double offset, double step, int count, int& first) {
+    first = std::clamp(static_cast<int>(std::floor(offset / step)), 0, std::max(count - 2, 0));
+    return std::clamp(offset / step - first, 0.0, 1.0);
+  };
+  int row = 0, col = 0;
+  const double in_row = place(shape.logit_reflectance - least.logit_reflectance, table.logit_step(),
+                              table.rows(), row);
+  const double in_col = place(shape.log_translucency_px - least.log_translucency_px,
+                              table.log_step(), table.cols(), col);
+  for (std::vector<double>* values : {&by_logit_2_, &by_both_, &by_log_2_})
+    values->assign(value_.size(), 0);
+  for (int corner = 0; corner < 4; ++corner) {
+    const int down = corner / 2, right = corner % 2;
+    const double share = (down == 1 ? in_row : 1 - in_row) * (right == 1 ? in_col : 1 - in_col);
+    if (share == 0) continue;
+    const std::span<const float> node = table.node(row + down, col + right);
+    const std::size_t stride = table.harmonic_stride();
+    for (std::size_t n = 0; n < value_.size(); ++n) {
+      by_logit_2_[n] += 2 * share * static_cast<double>(node[3 * stride + n]);
+      by_both_[n] += share * static_cast<double>(node[4 * stride + n]);
+      by_log_2_[n] += 2 * share * static_cast<double>(node[5 * stride + n]);
+    }
+  }
+}
+
+// Leaves value and first derivatives of the point itself.
+bool PixelModel::curvature_from_model(ShapePoint shape, double tolerance) {
+  constexpr double h = kCurvatureStep;
+  by_logit_2_.clear();
+  by_both_.clear();
+  by_log_2_.clear();
+  const auto add = [](std::vector<double>& to, const std::vector<double>& by, double factor) {
+    to.resize(std::max(to.size(), by.size()));
+    for (std::size_t n = 0; n < by.size(); ++n) to[n] += factor * by[n];
+  };
+  for (const double step : {-h, h}) {
+    const double factor = 1 / (2 * step);
+    if (!from_model({shape.logit_reflectance + step, shape.log_translucency_px}, tolerance))
+      return false;
+    add(by_logit_2_, by_logit_, factor);
+    add(by_both_, by_log_, factor);
+    if (!from_model({shape.logit_reflectance, shape.log_translucency_px + step}, tolerance))
+      return false;
+    add(by_log_2_, by_log_, factor);
+  }
+  if (!from_model(shape, tolerance)) return false;
+  for (std::vector<double>* row : {&by_logit_2_, &by_both_, &by_log_2_}) row->resize(value_.size());
+  return true;
+}
+
+bool PixelModel::expected_shift(ShapePoint shape, double phase_px, double tolerance,
+                                Harmonics harmonics, const std::array<double, 10>& covariance,
+                                std::vector<double>& out) {
+  if (from_table(shape, tolerance, harmonics))
+    curvature_between_nodes(shape);
+  else if (!curvature_from_model(shape, tolerance))
+    return false;
+  const auto c = [&](std::size_t i, std::size_t j) { return covariance[covariance_index(i, j)]; };
+  const std::size_t samples = sample_count();
+  out.assign(samples, 0);
+  grow_turns(static_cast<int>(value_.size()));
+  for (std::size_t i = 0; i < value_.size(); ++i) {
+    const int n = static_cast<int>(i) + 1;
+    const double wave = n * wave_per_px_;
+    const std::complex<double> shift = {0.5 * (c(0, 0) * by_logit_2_[i] + c(1, 1) * by_log_2_[i] -
+                                               wave * wave * c(3, 3) * value_[i]) +
+                                            c(0, 1) * by_both_[i],
+                                        wave * (c(0, 3) * by_logit_[i] + c(1, 3) * by_log_[i])};
+    const std::complex<double> factor = shift * twice_factor(n) * std::polar(1.0, wave * phase_px);
+    for (std::size_t k = 0; k < samples; ++k)
+      out[k] +=
+          factor.real() * turn_re_[i * samples + k] - factor.imag() * turn_im_[i * samples + k];
+  }
+  return true;
+}
+
+void PixelModel::choose_space(SampleSpace& space) {
+  const int count = problem_->harmonic_count;
+  if (count <= 0 || 2 * static_cast<std::size_t>(count) + 1 >= sample_count())
+    return space.keep_all(sample_count());
+  space.keep_mean(sample_count());
+  for (int n = 1; n <= count; ++n) {
+    space.keep_also(turn_re(n));
+    space.keep_also(turn_im(n));
+  }
 }
 
 void PixelModel::add_harmonic(int n, double phase_px, ModelSamples& out) {

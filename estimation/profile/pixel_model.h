@@ -2,12 +2,14 @@
 // Cramer-Rao bound are made of.
 #pragma once
 
+#include <array>
 #include <complex>
 #include <cstddef>
 #include <span>
 #include <vector>
 
 #include "estimation/profile/likelihood.h"
+#include "estimation/profile/sample_space.h"
 
 namespace estimation {
 
@@ -49,6 +51,13 @@ class PixelModel {
   // left out.
   bool evaluate(ShapePoint shape, double phase_px, double tolerance, Harmonics harmonics,
                 ModelSamples& out);
+  // 1/2 tr(H C) of each sample, H its second derivatives by t, lambda and phase there, C their
+  // covariance by covariance_index: by how much samples of estimates that scatter so are off on
+  // average. False where the model has no value.
+  bool expected_shift(ShapePoint shape, double phase_px, double tolerance, Harmonics harmonics,
+                      const std::array<double, 10>& covariance, std::vector<double>& out);
+  // Numbers that the problem lets a fit compare: all samples, or the harmonics that it asks for.
+  void choose_space(SampleSpace& space);
   // Whether the table lacked harmonics at the last point.
   bool is_cut_off() const { return is_cut_off_; }
 
@@ -56,6 +65,8 @@ class PixelModel {
   bool from_table(ShapePoint shape, double tolerance, Harmonics harmonics);
   bool from_model(ShapePoint shape, double tolerance);
   bool append_from_model(ShapePoint shape, int count);
+  void curvature_between_nodes(ShapePoint shape);
+  bool curvature_from_model(ShapePoint shape, double tolerance);
   int most_harmonics() const;
   void grow_turns(int harmonic_count);
   void add_harmonic(int n, double phase_px, ModelSamples& out);
@@ -67,8 +78,9 @@ class PixelModel {
   std::vector<double> reflectance_;
   std::vector<double> turn_re_, turn_im_;  // [n - 1][sample]
   bool is_cut_off_ = false;
-  int turn_count_ = 0;                             // harmonics that the turns hold
-  std::vector<double> value_, by_logit_, by_log_;  // [n - 1] a_n and derivatives
+  int turn_count_ = 0;                                   // harmonics that the turns hold
+  std::vector<double> value_, by_logit_, by_log_;        // [n - 1] a_n and derivatives
+  std::vector<double> by_logit_2_, by_both_, by_log_2_;  // [n - 1] second derivatives
   std::vector<double> waves_, plain_, lower_, upper_;
 };
 

@@ -120,6 +120,59 @@ Real reference_variance(const ReferencePixel& pixel, Real signal) {
   return of(pixel.noise[entry], signal);
 }
 
+namespace {
+
+// Box's bias from the signals' second derivatives by differences, then that of R_d, l_d and
+// R_d + B, which bend over the unknowns; at most half a standard deviation.
+ReferencePoint without_bias(const ReferencePixel& pixel, const std::vector<float>& samples,
+                            const Vector4& at, const std::vector<std::size_t>& unknowns,
+                            const std::vector<std::vector<Real>>& slopes,
+                            const std::vector<std::vector<Real>>& covariance) {
+  const std::size_t n = unknowns.size();
+  const std::vector<Real> signals = reference_signals(pixel, as_point(at));
+  std::vector<Real> gradient(n, 0), bias(n, 0);
+  std::vector<Real> shift(signals.size(), 0);  // 1/2 tr(H C)
+  constexpr Real h = 1e-3L;
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::size_t k = 0; k < n; ++k)
+      for (const Real sign : {1.0L, -1.0L})
+        for (const Real other : {1.0L, -1.0L}) {
+          Vector4 moved = at;
+          moved[unknowns[i]] += sign * h;
+          moved[unknowns[k]] += other * h;
+          const auto there = reference_signals(pixel, as_point(moved));
+          for (std::size_t j = 0; j < shift.size(); ++j)
+            shift[j] += sign * other * there[j] / (8 * h * h) * covariance[i][k];
+        }
+  for (std::size_t j = 0; j < shift.size(); ++j)
+    for (std::size_t i = 0; i < n && !std::isnan(samples[j]); ++i)
+      gradient[i] += slopes[i][j] * shift[j] / reference_variance(pixel, signals[j]);
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::size_t k = 0; k < n; ++k) bias[i] -= covariance[i][k] * gradient[k];
+  const Real reflectance = reflectance_of(at[0]), slope = reflectance * (1 - reflectance);
+  const Real bend = (1 - 2 * reflectance) * covariance[0][0] / 2;
+  const bool is_free = n == 4;
+  const Real mean = reflectance + at[2];
+  // of t, ln l_d, R_d + B, phase
+  Vector4 change = {-bias[0] - bend, -bias[1] - covariance[1][1] / 2, 0, -bias[n - 1]};
+  if (is_free) change[2] = -bias[2] + slope * change[0];
+  Vector4 in_unknowns = change;
+  in_unknowns[2] = is_free ? -bias[2] : 0;
+  const auto information = inverse(covariance);
+  Real length = 0;
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::size_t k = 0; k < n; ++k)
+      length += in_unknowns[unknowns[i]] * information[i][k] * in_unknowns[unknowns[k]];
+  const Real share = std::min(1.0L, 0.5L / std::sqrt(length));
+  ReferencePoint point{.logit = at[0] + share * change[0],
+                       .log_translucency_px = at[1] + share * change[1],
+                       .phase_px = at[3] + share * change[3]};
+  if (is_free) point.indirect = mean + share * change[2] - reflectance_of(point.logit);
+  return point;
+}
+
+}  // namespace
+
 std::optional<ReferenceFit> reference_fit(const ReferencePixel& pixel,
                                           const std::vector<float>& samples,
                                           const ReferencePoint& start, bool is_indirect_free) {
@@ -163,13 +216,14 @@ std::optional<ReferenceFit> reference_fit(const ReferencePixel& pixel,
       largest = std::max(largest, std::abs(change) / std::sqrt(covariance[i][i]));
     }
     if (largest > 1e-8L) continue;
-    ReferenceFit fit{.point = as_point(at), .chi_square = chi_square};
+    ReferenceFit fit{.point = {}, .chi_square = chi_square};
     for (std::size_t i = 0; i < n; ++i) {
       const std::size_t row = unknowns[i];
       fit.sd[row] = std::sqrt(covariance[i][i]);
       for (std::size_t k = 0; k <= i; ++k)
         fit.covariance[row * (row + 1) / 2 + unknowns[k]] = covariance[i][k];
     }
+    fit.point = without_bias(pixel, samples, at, unknowns, slopes, covariance);
     return fit;
   }
   return std::nullopt;
