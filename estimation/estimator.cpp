@@ -194,6 +194,7 @@ Result<Maps> Estimator::Implementation::estimate() {
   maps.band_count = bands();
   maps.method = options_.method;
   maps.scattering_model = model_->name();
+  maps.is_noise_measured = noise.is_measured;
   if (correspondence_.column_px.empty() && correspondence_.row_px.empty()) {
     notes_.push_back("no correspondence could be decoded: there is no map but validity");
     for (int band = 0; band < bands(); ++band)

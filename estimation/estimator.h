@@ -26,7 +26,7 @@ struct EstimatorOptions {
   // Indirect light of a pixel: "free", "zero", or "auto": free, but zero where its neighbourhood
   // shows that there is none. Likelihood only.
   std::string indirect = "auto";
-  int harmonic_count = 0;  // used at most; 0: all that the data can hold. Likelihood only.
+  int harmonic_count = 0;  // of the data, the first ones; 0: all. Likelihood only.
   // Blur and drift that the data show beyond the calibration: "off", "report", "correct" where they
   // are significant, or "auto": corrected where they explain the misfit, too. Likelihood only.
   std::string sweep_errors = "auto";

@@ -22,7 +22,8 @@ void add_estimator_options(CLI::App& command, estimation::EstimatorOptions& opti
       ->capture_default_str();
   command
       .add_option("--harmonics", options.harmonic_count,
-                  "of the stripes, used at most; 0: all that the data can hold")
+                  "of the stripes, that the data are taken at: the first of them, at most this "
+                  "many; 0: all")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   command

@@ -89,6 +89,7 @@ std::vector<std::pair<std::string, std::string>> attributes_of(const Maps& maps,
   return {{"unit", unit},
           {"scatteringModel", maps.scattering_model},
           {"method", maps.method},
+          {"noise", maps.is_noise_measured ? "measured" : "estimated"},
           {"software", "ssrig " SSRIG_VERSION}};
 }
 
@@ -241,6 +242,7 @@ void take_attributes(const ExrFile& file, Maps& maps) {
     return it == file.attributes.end() ? std::string{} : it->second;
   };
   if (maps.method.empty()) maps.method = text("method");
+  if (text("noise") == "estimated") maps.is_noise_measured = false;
   if (maps.scattering_model.empty()) maps.scattering_model = text("scatteringModel");
 }
 

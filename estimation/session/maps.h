@@ -57,6 +57,7 @@ struct Maps {
   std::array<Image<float>, 2> correspondence_px;  // U column, V row; projector px
   std::array<Image<std::uint32_t>, 3> validity;   // [band]
   std::string method, scattering_model;           // header attributes
+  bool is_noise_measured = true;                  // else every header says noise "estimated"
 };
 
 // Writes every computed map into `folder` (made if absent) and removes the maps of an earlier run

@@ -371,7 +371,9 @@ TEST(Estimator, NoiseIsEstimatedFromTheDataIfTheCameraDoesNotSay) {
   Scene scene = make_scene({});
   scene.manifest.camera.gain_e_per_dn.reset();
   scene.manifest.camera.read_noise_e.reset();
-  expect_recovered(scene, estimate(scene).maps);
+  const Estimate found = estimate(scene);
+  expect_recovered(scene, found.maps);
+  EXPECT_FALSE(found.maps.is_noise_measured);
 }
 
 TEST(Estimator, OrderOfArrivalAndThreadsDoNotChangeABit) {

@@ -206,6 +206,7 @@ TEST(Maps, FilesChannelsAndAttributesAreTheContracts) {
     EXPECT_EQ(attribute(folder.path() / name, "unit"), content.second);
     EXPECT_EQ(attribute(folder.path() / name, "scatteringModel"), "dipole");
     EXPECT_EQ(attribute(folder.path() / name, "method"), "lut");
+    EXPECT_EQ(attribute(folder.path() / name, "noise"), "measured");
     EXPECT_THAT(attribute(folder.path() / name, "software"), HasSubstr("ssrig"));
   }
   EXPECT_EQ(names_in(folder.path()), names);
