@@ -72,7 +72,7 @@ std::optional<Level> level_around(const Blocks& blocks, const BatchFit& fit, int
   for (const std::size_t i : blocks.members(row, col))
     values.push_back(static_cast<double>(fit.logit_reflectance[i]));
   const double typical_logit = median(values);
-  std::vector<double> weights;
+  std::vector<double> variances;
   values.clear();
   for (int r = std::max(row - 1, 0); r <= std::min(row + 1, blocks.rows() - 1); ++r)
     for (int c = std::max(col - 1, 0); c <= std::min(col + 1, blocks.cols() - 1); ++c)
@@ -82,25 +82,26 @@ std::optional<Level> level_around(const Blocks& blocks, const BatchFit& fit, int
             !(variance > 0))
           continue;
         values.push_back(static_cast<double>(fit.indirect[i]));
-        weights.push_back(1 / variance);
+        variances.push_back(variance);
       }
   if (values.size() < kFewestNeighbours) return std::nullopt;
   std::vector<double> sorted = values;
   const double middle = median(sorted);
-  double sum = 0, weight = 0, squares = 0;
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    const double from_middle = values[i] - middle;
-    if (from_middle * from_middle * weights[i] > kOutlierSd * kOutlierSd) continue;
-    sum += weights[i] * from_middle;
-    squares += weights[i] * from_middle * from_middle;
-    weight += weights[i];
+  // One variance for all: a site's own goes with its estimate of B, and as a weight it would draw
+  // the mean away from zero.
+  const double variance = median(variances);
+  double sum = 0, squares = 0, count = 0;
+  for (const double value : values) {
+    const double from_middle = value - middle;
+    if (from_middle * from_middle > kOutlierSd * kOutlierSd * variance) continue;
+    sum += from_middle;
+    squares += from_middle * from_middle;
     ++count;
   }
-  if (count < kFewestNeighbours) return std::nullopt;
-  const double offset = sum / weight;
-  const double scatter = (squares - weight * offset * offset) / static_cast<double>(count - 1);
-  return Level{.mean = middle + offset, .sd = std::sqrt(std::max(scatter, 1.0) / weight)};
+  if (count < static_cast<double>(kFewestNeighbours)) return std::nullopt;
+  const double offset = sum / count;
+  const double scatter = (squares - count * offset * offset) / (count - 1);
+  return Level{.mean = middle + offset, .sd = std::sqrt(std::max(scatter, variance) / count)};
 }
 
 void fix_at_zero(BatchFit& fit, std::size_t site, double left_open_variance) {
