@@ -4,12 +4,15 @@
 #include <cstdint>
 #include <cstdio>
 #include <string>
+#include <system_error>
 #include <utility>
 
 #include "estimation/base/image.h"
+#include "estimation/geometry/mesh.h"
 #include "estimation/report/quicklook.h"
 #include "estimation/session/frame_io.h"
 #include "estimation/session/maps.h"
+#include "estimation/session/ply.h"
 
 namespace capture {
 namespace {
@@ -56,6 +59,17 @@ Result<std::vector<SampleFrame>> read_sample_frames(const fs::path& session,
   return samples;
 }
 
+// The surface's mesh beside its maps; the mesh of an earlier run goes where this one has none.
+Result<void> write_mesh(const fs::path& path, const estimation::Maps& maps,
+                        const Manifest& manifest) {
+  const auto mesh =
+      estimation::make_mesh(maps, {.color_matrix = manifest.calibration.color_matrix});
+  if (!mesh.triangles.empty()) return estimation::write_ply(path, mesh);
+  std::error_code not_there;
+  fs::remove(path, not_there);
+  return {};
+}
+
 }  // namespace
 
 Result<std::vector<fs::path>> write_results(const estimation::SessionEstimate& estimate,
@@ -63,6 +77,9 @@ Result<std::vector<fs::path>> write_results(const estimation::SessionEstimate& e
                                             const fs::path& maps_folder,
                                             const fs::path& report_folder) {
   if (const auto written = estimation::write_maps(maps_folder, estimate.maps); !written)
+    return tl::unexpected(written.error());
+  if (const auto written = write_mesh(maps_folder / "surface.ply", estimate.maps, manifest);
+      !written)
     return tl::unexpected(written.error());
   if (report_folder.empty()) return std::vector<fs::path>{};
   const auto samples = read_sample_frames(session, manifest);

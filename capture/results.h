@@ -10,8 +10,9 @@
 
 namespace capture {
 
-// Writes the maps into `maps_folder` and, beside a few frames read back from `session`, their
-// pictures into `report_folder` (none if empty). Returns the pictures.
+// Writes the maps and the surface as a mesh (surface.ply) into `maps_folder` and, beside a few
+// frames read back from `session`, their pictures into `report_folder` (none if empty). Returns the
+// pictures.
 estimation::Result<std::vector<std::filesystem::path>> write_results(
     const estimation::SessionEstimate& estimate, const estimation::Manifest& manifest,
     const std::filesystem::path& session, const std::filesystem::path& maps_folder,

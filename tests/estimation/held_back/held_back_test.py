@@ -53,7 +53,8 @@ class HeldBack(unittest.TestCase):
 
     def maps(self):
         folder = os.path.join(self.session, "maps")
-        return {name[:-4]: read_exr(os.path.join(folder, name))[0] for name in os.listdir(folder)}
+        return {name[:-4]: read_exr(os.path.join(folder, name))[0]
+                for name in os.listdir(folder) if name.endswith(".exr")}
 
     def errors(self, values, truth, border):
         found = []
