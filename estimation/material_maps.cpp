@@ -6,13 +6,12 @@
 #include <cmath>
 #include <iomanip>
 #include <limits>
-#include <map>
-#include <numeric>
 #include <sstream>
 #include <utility>
 #include <variant>
 
-#include "estimation/geometry/light_directions.h"
+#include "estimation/capture_order.h"
+#include "estimation/lit_geometry.h"
 #include "estimation/profile/coefficient_curve.h"
 #include "estimation/profile/indirect_choice.h"
 #include "estimation/profile/likelihood_maps.h"
@@ -21,7 +20,6 @@
 #include "estimation/profile/scene_fit.h"
 #include "estimation/profile/site_factors.h"
 #include "estimation/profile/sweep_errors.h"
-#include "estimation/radiometry/illumination.h"
 #include "estimation/stripe_signals.h"
 
 namespace estimation {
@@ -41,10 +39,6 @@ std::string band_name(int band, int bands) {
   return bands == 1 ? "Y" : std::string(1, "RGB"[band]);
 }
 
-double sample(const Image<float>& image, int row, int col) {
-  return static_cast<double>(image.empty() ? kNan : image.at(row, col));
-}
-
 class MaterialEstimate {
  public:
   MaterialEstimate(const MaterialInput& input, Maps& maps) : in_(input), maps_(maps) {}
@@ -55,10 +49,9 @@ class MaterialEstimate {
   const CameraInfo& camera() const { return in_.manifest.camera; }
   int bands() const { return band_count(camera().pixel_format.filter); }
 
-  std::optional<StripeSet> placed_stripes() const;
   const PatternRate* fully_lit() const;
-  BandRadiometry radiometry_of(int band) const;
-  void set_geometry(Axis axis);
+  const Image<float>& pitch_mm() const { return lit_->pitch_mm(); }
+  const SceneGeometry& geometry() const { return lit_->geometry(); }
   void reflectance_only(const PatternRate* white);
   void fit_by_table(const StripeScene& scene);
   void fit_by_likelihood(const StripeScene& scene);
@@ -72,133 +65,15 @@ class MaterialEstimate {
   const MaterialInput& in_;
   Maps& maps_;
   MaterialResult result_;
-  // Of the place the stripes ran over.
-  Axis axis_ = Axis::kColumn;
-  Image<float> gain_;
-  Image<std::uint32_t> validity_;
-  LightAzimuths azimuths_;
-  SceneGeometry geometry_;
+  std::optional<LitGeometry> lit_;        // along the axis that the stripes ran over
   std::array<Image<float>, 3> phase_px_;  // [band] of the likelihood fits
   double blur_px2_ = 0;
 };
-
-const Image<float>& pitch_along(const Surface& surface, Axis axis) {
-  return axis == Axis::kColumn ? surface.column_pitch_mm : surface.row_pitch_mm;
-}
-
-std::optional<StripeSet> MaterialEstimate::placed_stripes() const {
-  std::vector<const PatternKind*> kinds;
-  for (const PatternRate& pattern : in_.signals.patterns) {
-    // Without correspondence along an axis its stripes have no known phase.
-    const auto* stripes = std::get_if<Stripes>(&pattern.pattern->kind);
-    static const PatternKind kNone = Black{};
-    const bool is_usable =
-        stripes == nullptr ||
-        !(stripes->axis == Axis::kColumn ? in_.correspondence.column_px : in_.correspondence.row_px)
-             .empty();
-    kinds.push_back(is_usable ? &pattern.pattern->kind : &kNone);
-  }
-  return choose_stripe_set(kinds);
-}
 
 const PatternRate* MaterialEstimate::fully_lit() const {
   for (const PatternRate& pattern : in_.signals.patterns)
     if (std::holds_alternative<White>(pattern.pattern->kind)) return &pattern;
   return nullptr;
-}
-
-BandRadiometry MaterialEstimate::radiometry_of(int band) const {
-  const auto of_band = [&](const std::vector<double>& values) {
-    return values[std::min(static_cast<std::size_t>(band), values.size() - 1)];
-  };
-  const Calibration& calibration = in_.manifest.calibration;
-  const double signal_per_us = of_band(calibration.irradiance->signal_per_us);
-  const std::vector<double>& black = calibration.projector_black_dn_per_us;
-  // A black pattern's frames hold the projector's black already.
-  const bool is_left_in = !in_.signals.is_black_subtracted && !black.empty();
-  return {.band = band,
-          .signal_per_us = signal_per_us,
-          .projector_black_frac = is_left_in ? of_band(black) / signal_per_us : 0,
-          .noise = in_.noise};
-}
-
-void MaterialEstimate::set_geometry(Axis axis) {
-  axis_ = axis;
-  gain_ = Image<float>(camera().height_px, camera().width_px, 1, kNan);
-  validity_ = in_.surface.validity;
-  const Correspondence& found = in_.correspondence;
-  const Surface& surface = in_.surface;
-  const Illumination light{
-      .vignetting = in_.vignetting.view(),
-      .reference_distance_mm = in_.manifest.calibration.irradiance->reference_distance_mm};
-  const Image<float>& position_px = axis == Axis::kColumn ? found.column_px : found.row_px;
-  const Image<float>& pitch_mm = pitch_along(surface, axis);
-  tbb::parallel_for(0, camera().height_px, [&](int row) {
-    for (int col = 0; col < camera().width_px; ++col) {
-      const double gain = light.at(
-          sample(found.column_px, row, col), sample(found.row_px, row, col),
-          sample(surface.cos_projector, row, col), sample(surface.projector_distance_mm, row, col));
-      gain_.at(row, col) = static_cast<float>(gain);
-      std::uint32_t& validity = validity_.at(row, col);
-      const bool is_placed = gain > 0 && std::isfinite(sample(position_px, row, col)) &&
-                             std::isfinite(sample(pitch_mm, row, col));
-      if (!is_placed && (validity & kValidityErrors) == 0) validity |= kNoCorrespondence;
-    }
-  });
-  geometry_ = {.position_px = position_px.view(),
-               .gain = gain_.view(),
-               .projector_distance_mm = surface.projector_distance_mm.view(),
-               .validity = validity_.view()};
-  if (in_.options.method == "lut" || !directionality_of(in_.model).has_factors) return;
-  azimuths_ = light_azimuths(in_.manifest.calibration, camera(), surface, axis);
-  geometry_.directions = {.cos_incidence = surface.cos_projector.view(),
-                          .cos_exit = surface.cos_camera.view(),
-                          .incidence_azimuth_rad = azimuths_.incidence_rad.view(),
-                          .exit_azimuth_rad = azimuths_.exit_rad.view()};
-}
-
-// Every image of a sweep is a sample of its own, also where a shift was seen twice.
-StripeSet each_seen(const StripeSet& stripes) {
-  StripeSet all{.axis = stripes.axis, .shape = stripes.shape};
-  for (std::size_t i = 0; i < stripes.shifts_px.size(); ++i)
-    for (const std::size_t source : stripes.sources[i]) {
-      all.shifts_px.push_back(stripes.shifts_px[i]);
-      all.sources.push_back({source});
-    }
-  return all;
-}
-
-// When a pattern was seen: by the camera's clock where it stamped all frames, else its place among
-// the manifest's patterns.
-std::vector<double> capture_times(const Manifest& manifest, const SignalStore::Signals& signals) {
-  std::map<int, std::vector<double>> stamps_ns;
-  bool is_stamped = true;
-  for (const FrameRecord& frame : manifest.frames) {
-    is_stamped = is_stamped && frame.camera_timestamp_ns.has_value();
-    stamps_ns[frame.pattern].push_back(
-        static_cast<double>(frame.camera_timestamp_ns.value_or(0) -
-                            manifest.frames.front().camera_timestamp_ns.value_or(0)));
-  }
-  std::vector<double> times;
-  for (const PatternRate& pattern : signals.patterns) {
-    const std::vector<double>& own = stamps_ns[pattern.pattern->index];
-    const double sum = std::accumulate(own.begin(), own.end(), 0.0);
-    times.push_back(is_stamped ? sum / static_cast<double>(own.size())
-                               : static_cast<double>(pattern.pattern - manifest.patterns.data()));
-  }
-  return times;
-}
-
-// [shift] -0.5 to 0.5 from the first pattern of the sweep to the last.
-std::vector<double> capture_order(const Manifest& manifest, const StripeSet& stripes,
-                                  const SignalStore::Signals& signals) {
-  const std::vector<double> times = capture_times(manifest, signals);
-  std::vector<double> order;
-  for (const auto& sources : stripes.sources) order.push_back(times[sources.front()]);
-  const auto [first, last] = std::minmax_element(order.begin(), order.end());
-  const double begin = *first, duration = *last - *first;
-  for (double& when : order) when = duration > 0 ? (when - begin) / duration - 0.5 : 0;
-  return order;
 }
 
 // Pixels without a fit are moved as their neighbours are, lest the surface have steps there: the
@@ -225,7 +100,7 @@ Image<float> without_gaps(const Image<float>& phases) {
 }
 
 MaterialResult MaterialEstimate::run() {
-  const std::optional<StripeSet> placed = placed_stripes();
+  const std::optional<StripeSet> placed = placed_stripes(in_.signals.patterns, in_.correspondence);
   const PatternRate* white = fully_lit();
   if (!placed) {
     result_.notes.push_back(
@@ -234,14 +109,14 @@ MaterialResult MaterialEstimate::run() {
     reflectance_only(white);
     return std::move(result_);
   }
-  set_geometry(placed->axis);
+  lit_.emplace(in_, in_.surface, placed->axis);
   const bool is_lut = in_.options.method == "lut";
   const StripeSet stripes = is_lut ? *placed : each_seen(*placed);
   const StripeSignals signals = signals_of(stripes, in_.signals.patterns);
   const StripeScene scene{.camera = camera(),
                           .stripes = stripes,
                           .signals = signals.views,
-                          .geometry = geometry_,
+                          .geometry = geometry(),
                           .transfer = in_.transfer,
                           .model = in_.model};
   if (is_lut)
@@ -259,17 +134,17 @@ void MaterialEstimate::reflectance_only(const PatternRate* white) {
   }
   result_.notes.push_back(
       "diffuse_reflectance is from the white pattern and contains indirect light");
-  set_geometry(in_.correspondence.column_px.empty() ? Axis::kRow : Axis::kColumn);
+  lit_.emplace(in_, in_.surface, in_.correspondence.column_px.empty() ? Axis::kRow : Axis::kColumn);
   for (int band = 0; band < bands(); ++band)
-    store_band(band,
-               reflectance_of_band(camera(), radiometry_of(band), white->rate.view(), geometry_));
+    store_band(band, reflectance_of_band(camera(), radiometry_of(in_, band), white->rate.view(),
+                                         geometry()));
 }
 
 void MaterialEstimate::fit_by_table(const StripeScene& scene) {
   const ProfileTable wide(in_.model, scene.stripes.shape, TableRange{});
   for (int band = 0; band < bands(); ++band)
-    store_band(band, fit_band(camera(), radiometry_of(band), scene.stripes, scene.signals,
-                              geometry_, in_.transfer, in_.model, wide));
+    store_band(band, fit_band(camera(), radiometry_of(in_, band), scene.stripes, scene.signals,
+                              geometry(), in_.transfer, in_.model, wide));
 }
 
 void MaterialEstimate::fit_by_likelihood(const StripeScene& scene) {
@@ -277,7 +152,7 @@ void MaterialEstimate::fit_by_likelihood(const StripeScene& scene) {
   const IndirectLight indirect =
       options.indirect == "zero" ? IndirectLight::kZero : IndirectLight::kFree;
   std::vector<BandRadiometry> radiometry;
-  for (int band = 0; band < bands(); ++band) radiometry.push_back(radiometry_of(band));
+  for (int band = 0; band < bands(); ++band) radiometry.push_back(radiometry_of(in_, band));
   const auto likelihoods = [&](const SweepCorrection& correction) {
     std::vector<BandLikelihood> made;
     made.reserve(radiometry.size());
@@ -293,7 +168,7 @@ void MaterialEstimate::fit_by_likelihood(const StripeScene& scene) {
   std::vector<MisfitSummary> misfits;
   for (const BandLikelihood& fitter : likelihood) {
     const int band = fitter.radiometry().band;
-    SiteFits fits = fitter.fit(valid_sites(camera(), band, geometry_.validity), correction);
+    SiteFits fits = fitter.fit(valid_sites(camera(), band, geometry().validity), correction);
     if (options.indirect == "auto") fixed_count += fix_indirect_where_earned(camera(), fits);
     BandFit maps =
         maps_of(scene, fitter.radiometry(), fits, {.is_noise_measured = in_.is_noise_measured});
@@ -303,9 +178,9 @@ void MaterialEstimate::fit_by_likelihood(const StripeScene& scene) {
   }
   note_choices(valid_count, fixed_count);
   note_misfit(misfits);
-  if (!geometry_.directions.empty() && directionality_of(in_.model).has_shift) {
+  if (!geometry().directions.empty() && directionality_of(in_.model).has_shift) {
     result_.phase_px = without_gaps(own_phases());
-    result_.phase_axis = axis_;
+    result_.phase_axis = lit_->axis();
   }
 }
 
@@ -390,11 +265,10 @@ void MaterialEstimate::store_band(int band, BandFit fit) {
   maps_.sigma_a_per_mm[b] = blank;
   maps_.sigma_s_prime_per_mm[b] = blank;
   const std::optional<CoefficientCurve> curve = curve_over(in_.model, maps_.diffuse_reflectance[b]);
-  const Image<float>& pitch_mm = pitch_along(in_.surface, axis_);
   tbb::parallel_for(0, camera().height_px, [&](int row) {
     for (int col = 0; col < camera().width_px; ++col) {
       float& translucency = maps_.translucency_mm[b].at(row, col);
-      translucency *= pitch_mm.at(row, col);
+      translucency *= pitch_mm().at(row, col);
       if (!std::isfinite(translucency)) continue;
       const Coefficients medium =
           curve->coefficients(static_cast<double>(maps_.diffuse_reflectance[b].at(row, col)),
@@ -406,7 +280,6 @@ void MaterialEstimate::store_band(int band, BandFit fit) {
 }
 
 std::vector<ProfilePoint> MaterialEstimate::profiles_of(const StripeScene& scene) const {
-  const Image<float>& pitch_mm = pitch_along(in_.surface, axis_);
   std::vector<ProfilePoint> points = choose_profile_points(camera(), maps_.validity);
   for (ProfilePoint& point : points) {
     point.period_px = scene.stripes.shape.period_px;
@@ -420,10 +293,10 @@ std::vector<ProfilePoint> MaterialEstimate::profiles_of(const StripeScene& scene
       const SiteMaterial found{.row = profile.row,
                                .col = profile.col,
                                .diffuse_reflectance = at_site(maps_.diffuse_reflectance[b]),
-                               .translucency_px = translucency_mm / at_site(pitch_mm),
+                               .translucency_px = translucency_mm / at_site(pitch_mm()),
                                .indirect = at_site(maps_.indirect[b]),
                                .phase_px = at_site(phase_px_[b])};
-      profile = profile_of_site(scene, radiometry_of(band), found, blur_px2_);
+      profile = profile_of_site(scene, radiometry_of(in_, band), found, blur_px2_);
       profile.translucency_mm = translucency_mm;
     }
   }

@@ -11,13 +11,13 @@
 #include <optional>
 #include <utility>
 
-#include "estimation/geometry/light_directions.h"
 #include "estimation/geometry/triangulation.h"
+#include "estimation/lit_geometry.h"
 #include "estimation/profile/site_factors.h"
-#include "estimation/radiometry/illumination.h"
 #include "estimation/refine/apparent_position.h"
 #include "estimation/refine/near_discontinuity.h"
 #include "estimation/refine/sample_correction.h"
+#include "estimation/stripe_signals.h"
 
 namespace estimation {
 namespace {
@@ -32,34 +32,6 @@ constexpr double kLeastCosine = 0.1;
 // A pixel whose surroundings change what it sees by this much is refined, wherever it lies.
 constexpr float kLeastChange = 0.01F;
 
-double sample(const Image<float>& image, int row, int col) {
-  return image.empty() ? std::numeric_limits<double>::quiet_NaN()
-                       : static_cast<double>(image.at(row, col));
-}
-
-// The stripes as the fit sees them: every image of the sweep is a sample of its own.
-std::optional<StripeSet> sweep_of(const MaterialInput& input) {
-  std::vector<const PatternKind*> kinds;
-  static const PatternKind kNone = Black{};
-  for (const PatternRate& pattern : input.signals.patterns) {
-    const auto* stripes = std::get_if<Stripes>(&pattern.pattern->kind);
-    const bool is_placed =
-        stripes == nullptr || !(stripes->axis == Axis::kColumn ? input.correspondence.column_px
-                                                               : input.correspondence.row_px)
-                                   .empty();
-    kinds.push_back(is_placed ? &pattern.pattern->kind : &kNone);
-  }
-  const auto chosen = choose_stripe_set(kinds);
-  if (!chosen) return std::nullopt;
-  StripeSet all{.axis = chosen->axis, .shape = chosen->shape};
-  for (std::size_t i = 0; i < chosen->shifts_px.size(); ++i)
-    for (const std::size_t source : chosen->sources[i]) {
-      all.shifts_px.push_back(chosen->shifts_px[i]);
-      all.sources.push_back({source});
-    }
-  return all;
-}
-
 // Further round the surface's bends than a fit is tried.
 SurfaceOptions lit_options(SurfaceOptions options) {
   options.min_cos_projector = std::min(options.min_cos_projector, kLeastCosine);
@@ -73,50 +45,20 @@ class LightScene {
   LightScene(const MaterialInput& input, const Surface& surface, Axis axis)
       : input_(input),
         surface_(surface),
-        pitch_mm_(axis == Axis::kColumn ? surface.column_pitch_mm : surface.row_pitch_mm),
-        position_px_(axis == Axis::kColumn ? input.correspondence.column_px
-                                           : input.correspondence.row_px),
+        lit_(input, surface, axis),
         projector_centre_mm_(
-            Stereo(input.manifest.calibration, input.manifest.camera).projector_centre_mm()),
-        gain_(surface.cos_projector.height_px(), surface.cos_projector.width_px()),
-        validity_(surface.validity) {
-    const Illumination light{
-        .vignetting = input.vignetting.view(),
-        .reference_distance_mm = input.manifest.calibration.irradiance->reference_distance_mm};
-    tbb::parallel_for(0, gain_.height_px(), [&](int row) {
-      for (int col = 0; col < gain_.width_px(); ++col) {
-        const double gain = light.at(sample(input.correspondence.column_px, row, col),
-                                     sample(input.correspondence.row_px, row, col),
-                                     sample(surface.cos_projector, row, col),
-                                     sample(surface.projector_distance_mm, row, col));
-        gain_.at(row, col) = static_cast<float>(gain);
-        if (!(gain > 0) || !std::isfinite(sample(pitch_mm_, row, col)) ||
-            !std::isfinite(sample(position_px_, row, col)))
-          validity_.at(row, col) |= kNoCorrespondence;
-      }
-    });
-    geometry_ = {.position_px = position_px_.view(),
-                 .gain = gain_.view(),
-                 .projector_distance_mm = surface.projector_distance_mm.view(),
-                 .validity = validity_.view()};
-    if (input.options.method == "lut" || !directionality_of(input.model).has_factors) return;
-    azimuths_ = light_azimuths(input.manifest.calibration, input.manifest.camera, surface, axis);
-    geometry_.directions = {.cos_incidence = surface.cos_projector.view(),
-                            .cos_exit = surface.cos_camera.view(),
-                            .incidence_azimuth_rad = azimuths_.incidence_rad.view(),
-                            .exit_azimuth_rad = azimuths_.exit_rad.view()};
-  }
+            Stereo(input.manifest.calibration, input.manifest.camera).projector_centre_mm()) {}
 
   LitSurface view() const {
     const Surface& s = surface_;
     return {
         .position_mm = {s.position_mm[0].view(), s.position_mm[1].view(), s.position_mm[2].view()},
         .normal = {s.normal[0].view(), s.normal[1].view(), s.normal[2].view()},
-        .position_px = position_px_.view(),
-        .pitch_mm = pitch_mm_.view(),
-        .gain = gain_.view(),
+        .position_px = lit_.position_px().view(),
+        .pitch_mm = lit_.pitch_mm().view(),
+        .gain = lit_.geometry().gain,
         .cos_projector = s.cos_projector.view(),
-        .validity = validity_.view(),
+        .validity = lit_.geometry().validity,
         .projector_centre_mm = projector_centre_mm_};
   }
 
@@ -126,7 +68,7 @@ class LightScene {
     return {.camera = input_.manifest.camera,
             .stripes = stripes,
             .signals = signals,
-            .geometry = geometry_,
+            .geometry = lit_.geometry(),
             .transfer = input_.transfer,
             .model = input_.model};
   }
@@ -134,14 +76,16 @@ class LightScene {
  private:
   const MaterialInput& input_;
   const Surface& surface_;
-  const Image<float>& pitch_mm_;
-  const Image<float>& position_px_;
+  LitGeometry lit_;
   Vec3 projector_centre_mm_;
-  Image<float> gain_;
-  Image<std::uint32_t> validity_;
-  LightAzimuths azimuths_;  // empty for models without directions
-  SceneGeometry geometry_;
 };
+
+// The stripes as the fit sees them.
+std::optional<StripeSet> sweep_of(const MaterialInput& input) {
+  const auto placed = placed_stripes(input.signals.patterns, input.correspondence);
+  if (!placed) return std::nullopt;
+  return each_seen(*placed);
+}
 
 BandMaterial material_of(const Maps& maps, int band) {
   const auto b = static_cast<std::size_t>(band);
@@ -295,17 +239,10 @@ class Refinement {
 
   void correct_samples(const LightScene& scene, const LitSurface& surface, int band,
                        const SampleCorrection& correction) {
-    const auto of_band = [&](const std::vector<double>& values) {
-      return values[std::min(static_cast<std::size_t>(band), values.size() - 1)];
-    };
-    const Calibration& calibration = manifest().calibration;
-    const double signal_per_us = of_band(calibration.irradiance->signal_per_us);
-    const std::vector<double>& black = calibration.projector_black_dn_per_us;
-    const bool is_black_left_in = !in_.signals.is_black_subtracted && !black.empty();
+    const BandRadiometry radiometry = radiometry_of(in_.material, band);
     const StripeScene stripe_scene = scene.stripe_scene(stripes_, views_);
     correction.apply({.scene = stripe_scene, .surface = surface}, material_of(maps_, band),
-                     signal_per_us, is_black_left_in ? of_band(black) / signal_per_us : 0,
-                     signals_);
+                     radiometry.signal_per_us, radiometry.projector_black_frac, signals_);
   }
 
   void note(const std::vector<SampleCorrection>& corrections, MaterialResult& result) const {
