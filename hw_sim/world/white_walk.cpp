@@ -26,19 +26,9 @@ PhotonRandom::PhotonRandom(std::uint64_t seed) {
   }
 }
 
-PhotonExit Walk::leaving(double share) const {
-  const double sine = std::hypot(u, v);
-  const double sine_outside = kSkinIndex * sine;
-  return {.x = x,
-          .y = y,
-          .cos_exit = std::sqrt(std::max(0.0, 1 - sine_outside * sine_outside)),
-          .cos_azimuth = sine > 0 ? u / sine : 1,
-          .sin_azimuth = sine > 0 ? v / sine : 0,
-          .path_length = length,
-          .weight = weight * share};
-}
-
-void Walk::turn(double cosine, PhotonRandom& random) {
+std::array<double, 3> deflected(const std::array<double, 3>& direction, double cosine,
+                                PhotonRandom& random) {
+  auto [u, v, w] = direction;
   const double sine = std::sqrt(std::max(0.0, 1 - cosine * cosine));
   double a = 0, b = 0, square = 2;
   while (square > 1 || square == 0) {  // a random azimuth without trigonometry
@@ -67,6 +57,19 @@ void Walk::turn(double cosine, PhotonRandom& random) {
   u *= norm;
   v *= norm;
   w *= norm;
+  return {u, v, w};
+}
+
+PhotonExit Walk::leaving(double share) const {
+  const double sine = std::hypot(u, v);
+  const double sine_outside = kSkinIndex * sine;
+  return {.x = x,
+          .y = y,
+          .cos_exit = std::sqrt(std::max(0.0, 1 - sine_outside * sine_outside)),
+          .cos_azimuth = sine > 0 ? u / sine : 1,
+          .sin_azimuth = sine > 0 ? v / sine : 0,
+          .path_length = length,
+          .weight = weight * share};
 }
 
 }  // namespace hw_sim

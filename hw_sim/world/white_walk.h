@@ -39,6 +39,18 @@ class PhotonRandom {
   std::array<std::uint64_t, 4> state_{};
 };
 
+// Henyey and Greenstein's phase function: the cosine of a scattering's deflection.
+inline double henyey_greenstein_cosine(double g, PhotonRandom& random) {
+  const double cosine = 2 * random.uniform() - 1;
+  if (g == 0) return cosine;
+  const double part = (1 - g * g) / (1 + g * cosine);
+  return (1 + g * g - part * part) / (2 * g);
+}
+
+// A unit direction deflected by `cosine` about a random azimuth; a unit vector to rounding.
+std::array<double, 3> deflected(const std::array<double, 3>& direction, double cosine,
+                                PhotonRandom& random);
+
 // Where a photon leaves, and with how much of its weight.
 struct PhotonExit {
   double x = 0, y = 0;                      // from where it entered; x along its way in
@@ -99,13 +111,11 @@ struct Walk {
   }
 
   void scatter(PhotonRandom& random) {
-    double cosine = 2 * random.uniform() - 1;
-    if (!is_deep) {
-      constexpr double g = kSkinAnisotropy;
-      const double part = (1 - g * g) / (1 + g * cosine);
-      cosine = (1 + g * g - part * part) / (2 * g);
-    }
-    turn(cosine, random);
+    const double cosine = henyey_greenstein_cosine(is_deep ? 0 : kSkinAnisotropy, random);
+    const std::array<double, 3> turned = deflected({u, v, w}, cosine, random);
+    u = turned[0];
+    v = turned[1];
+    w = turned[2];
   }
 
  private:
@@ -116,7 +126,6 @@ struct Walk {
     length += distance;
   }
   PhotonExit leaving(double share) const;
-  void turn(double cosine, PhotonRandom& random);
 };
 
 // One photon that enters at the origin under `incidence_rad` (outside), its way in along +x: calls
