@@ -1,8 +1,10 @@
 // ssrig-sim: the virtual rig.
 #include <CLI/CLI.hpp>
 #include <string>
+#include <vector>
 
 #include "hw_sim/app/commands.h"
+#include "hw_sim/world/board_scene.h"
 #include "hw_sim/world/scene.h"
 
 namespace {
@@ -12,12 +14,19 @@ struct RunWords {
   std::string scattering = "monte_carlo";
 };
 
+std::vector<std::string> all_scene_names() {
+  std::vector<std::string> names = hw_sim::scene_names();
+  const std::vector<std::string> targets = hw_sim::target_scene_names();
+  names.insert(names.end(), targets.begin(), targets.end());
+  return names;
+}
+
 void add_run(CLI::App& app, hw_sim::RunOptions& options, RunWords& words) {
   CLI::App* run = app.add_subcommand(
       "run", "Start a virtual rig, run a command against it, write the truth beside its sessions");
   run->add_option("--rig", options.rig_file, "Rig file of the rig to simulate")->required();
   run->add_option("--scene", options.scene, "Who or what sits in front of the camera")
-      ->check(CLI::IsMember(hw_sim::scene_names()))
+      ->check(CLI::IsMember(all_scene_names()))
       ->capture_default_str();
   run->add_option("--scattering", words.scattering,
                   "How light scatters in skin: monte_carlo, or the paper's dipole")

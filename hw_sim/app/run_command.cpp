@@ -1,10 +1,12 @@
 #include <poll.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
+#include <functional>
 #include <iterator>
 #include <map>
 #include <memory>
@@ -19,6 +21,7 @@
 #include "hw_sim/app/session_watch.h"
 #include "hw_sim/app/virtual_rig.h"
 #include "hw_sim/display/child_process.h"
+#include "hw_sim/world/board_world.h"
 #include "hw_sim/world/head_world.h"
 #include "rig/rig_file.h"
 
@@ -73,8 +76,31 @@ void show_progress(double done_frac, const std::string& what) {
   if (done_frac >= 1) std::fputs("\r\033[K", stderr);
 }
 
-rig::Result<std::unique_ptr<HeadWorld>> make_world(const rig::RigFile& rig,
-                                                   const RunOptions& options) {
+// What stands before the camera, and how the truth of the n-th new session is written.
+struct Stage {
+  std::unique_ptr<World> world;
+  std::function<estimation::Result<void>(const std::filesystem::path& folder, std::size_t n)>
+      write_truth;
+};
+
+rig::Result<Stage> make_targets(const estimation::CameraInfo& camera,
+                                const estimation::ProjectorInfo& projector,
+                                const estimation::Calibration& calibration,
+                                const SceneOptions& scene, const SessionWatch& sessions) {
+  rig::Result<TargetScene> targets = make_target_scene(scene.name);
+  if (!targets) return tl::unexpected(targets.error());
+  auto world =
+      TargetWorld::create(camera, projector, calibration, *std::move(targets), scene.effects,
+                          scene.seed, [&sessions] { return sessions.new_sessions().size(); });
+  if (!world) return tl::unexpected(world.error());
+  const TargetWorld& made = **world;
+  return Stage{*std::move(world),
+               [&made](const auto& folder, std::size_t n) { return made.write_truth(folder, n); }};
+}
+
+// `sessions` outlives the stage.
+rig::Result<Stage> make_stage(const rig::RigFile& rig, const RunOptions& options,
+                              const SessionWatch& sessions) {
   const rig::Result<estimation::CameraInfo> camera = camera_info(rig);
   if (!camera) return tl::unexpected(camera.error());
   const rig::Result<estimation::Calibration> calibration = read_calibration(rig);
@@ -93,7 +119,14 @@ rig::Result<std::unique_ptr<HeadWorld>> make_world(const rig::RigFile& rig,
     scene.effects = *effects;
   }
   scene.cache_folder = default_cache_folder();
-  return HeadWorld::create(*camera, projector, *calibration, scene, show_progress);
+  const std::vector<std::string> targets = target_scene_names();
+  if (std::find(targets.begin(), targets.end(), scene.name) != targets.end())
+    return make_targets(*camera, projector, *calibration, scene, sessions);
+  auto world = HeadWorld::create(*camera, projector, *calibration, scene, show_progress);
+  if (!world) return tl::unexpected(world.error());
+  const HeadWorld& made = **world;
+  return Stage{*std::move(world),
+               [&made](const auto& folder, std::size_t /*n*/) { return made.write_truth(folder); }};
 }
 
 // Until the child has ended, and passing on what we are told to end by.
@@ -110,10 +143,11 @@ int wait_for(ChildProcess& child, Interrupts& interrupts) {
 }
 
 // False if a truth could not be written.
-bool write_truths(const HeadWorld& world, const SessionWatch& sessions) {
+bool write_truths(const Stage& stage, const SessionWatch& sessions) {
   bool is_written = true;
+  std::size_t n = 0;
   for (const std::filesystem::path& session : sessions.new_sessions()) {
-    const estimation::Result<void> written = world.write_truth(session / "truth");
+    const estimation::Result<void> written = stage.write_truth(session / "truth", n++);
     if (written) continue;
     std::fprintf(stderr, "ssrig-sim: %s\n", written.error().text().c_str());
     is_written = false;
@@ -129,14 +163,14 @@ int run_command(const RunOptions& options) {
   if (!rig) return complain(rig.error());
   const rig::Result<std::unique_ptr<ScratchFolder>> scratch = ScratchFolder::make();
   if (!scratch) return complain(scratch.error());
-  rig::Result<std::unique_ptr<HeadWorld>> world = [&] {
-    const ExitOnInterrupt exit_on_interrupt(interrupts);
-    return make_world(*rig, options);
-  }();
-  if (!world) return complain(world.error());
-
   const SessionWatch sessions(rig->storage.directory, options.command);
-  rig::Result<std::unique_ptr<VirtualRig>> devices = VirtualRig::start(*rig, **world);
+  rig::Result<Stage> stage = [&] {
+    const ExitOnInterrupt exit_on_interrupt(interrupts);
+    return make_stage(*rig, options, sessions);
+  }();
+  if (!stage) return complain(stage.error());
+
+  rig::Result<std::unique_ptr<VirtualRig>> devices = VirtualRig::start(*rig, *stage->world);
   if (!devices) return complain(devices.error());
   int exit_code = kExitFailed;
   {
@@ -151,7 +185,7 @@ int run_command(const RunOptions& options) {
     exit_code = wait_for(*child, interrupts);
   }
   devices->reset();  // after the child: its USB calls must find an answer to the last
-  if (!write_truths(**world, sessions) && exit_code == kExitDone) return kExitFailed;
+  if (!write_truths(*stage, sessions) && exit_code == kExitDone) return kExitFailed;
   return exit_code;
 }
 

@@ -15,7 +15,7 @@ class SessionWatch {
   // exist yet.
   SessionWatch(const std::filesystem::path& storage, const std::vector<std::string>& command);
 
-  // Folders with a session.json that have appeared since.
+  // Folders with a session.json that have appeared since. May be called from any thread.
   std::vector<std::filesystem::path> new_sessions() const;
 
  private:
