@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "tests/bench/estimation_bench.h"
+#include "tests/bench/geometry_bench.h"
 
 namespace {
 
@@ -63,6 +64,32 @@ int run_estimation(const std::string& folder, bool is_quick, int threads, std::s
   return report.has_failed() ? 1 : 0;
 }
 
+struct GeometrySection {
+  const char* name;
+  const char* title;
+  void (*show)(const bench::GeometryOptions&, bench::Report&);
+};
+constexpr GeometrySection kGeometrySections[] = {
+    {"decoders", "OpenCV's Gray-code decoder", bench::show_gray_decoders},
+    {"accuracy", "Correspondence, position, normals", bench::show_geometry_accuracy},
+};
+
+int run_geometry(const std::string& folder, const bench::GeometryOptions& options) {
+  bench::Report report(folder);
+  report.text(std::string("## Geometry\n\n")
+                  .append(processor())
+                  .append(", ")
+                  .append(std::to_string(options.thread_count))
+                  .append(" threads"));
+  for (const GeometrySection& section : kGeometrySections) {
+    const auto& only = options.only;
+    if (!only.empty() && std::find(only.begin(), only.end(), section.name) == only.end()) continue;
+    report.text(std::string("### ").append(section.title));
+    section.show(options, report);
+  }
+  return report.has_failed() ? 1 : 0;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -84,6 +111,23 @@ int main(int argc, char** argv) {
   estimation->add_option("--only", only, "Sections to run, comma-separated")
       ->delimiter(',')
       ->check(CLI::IsMember(names));
+  bench::GeometryOptions geometry_options{.thread_count = threads};
+  CLI::App* geometry = app.add_subcommand("geometry", "Correspondence and surface against truth");
+  geometry->add_option("--out", folder, "Folder for CSV and PNG")->required();
+  geometry
+      ->add_option("--session", geometry_options.sessions,
+                   "Sessions of the virtual rig, their truth beside their maps")
+      ->required();
+  geometry->add_option("--threads", geometry_options.thread_count, "Threads to use")
+      ->check(CLI::Range(1, 1024));
+  geometry->add_option("--repeats", geometry_options.repeats, "Runs of which the best is timed")
+      ->check(CLI::Range(1, 1000));
+  geometry->add_option("--only", geometry_options.only, "Sections to run, comma-separated")
+      ->delimiter(',');
   CLI11_PARSE(app, argc, argv);
+  if (geometry->parsed()) {
+    geometry_options.out = folder;
+    return run_geometry(folder, geometry_options);
+  }
   return run_estimation(folder, is_quick, threads, stress_count, pixel_count, only);
 }
