@@ -22,7 +22,7 @@ constexpr double kSafeShare = 0.5;
 constexpr double kPieceMm = 0.3;
 constexpr double kOnSurfaceMm = 1e-6;
 // Optical depth from which the lamp's unscattered light is asked for by chance.
-constexpr double kDeepTau = 2;
+constexpr double kDeepTau = 1;
 
 double phase_per_sr(double g, double cosine) {
   const double base = 1 + g * g - 2 * g * cosine;
@@ -37,19 +37,23 @@ struct AdjointWalk::Photon {
   double safe_mm = 0;  // the surface is farther than that
 };
 
-std::optional<PathStart> seen_path(const ShapeGrid& shape, const Vec3& point_mm,
-                                   const Vec3& towards_eye) {
+std::optional<PathStart> entering(const ShapeGrid& shape, const Vec3& point_mm, const Vec3& way) {
   const Vec3 on_surface = shape.on_surface(point_mm);
   const Vec3 normal = shape.normal(on_surface);
-  const double cosine = towards_eye.dot(normal);
+  const double cosine = -way.dot(normal);
   if (cosine <= 0) return std::nullopt;
   constexpr double kRatio = 1 / kSkinIndex;
   const double cos_below = std::sqrt(1 - kRatio * kRatio * (1 - cosine * cosine));
-  PathStart start;
-  start.way = -kRatio * towards_eye + (kRatio * cosine - cos_below) * normal;
-  start.point_mm = on_surface - kOnSurfaceMm * normal;
-  start.weight =
-      std::numbers::pi * kRatio * kRatio * (1 - fresnel_reflectance(cosine, 1, kSkinIndex));
+  return PathStart{.point_mm = on_surface - kOnSurfaceMm * normal,
+                   .way = kRatio * way + (kRatio * cosine - cos_below) * normal,
+                   .weight = 1 - fresnel_reflectance(cosine, 1, kSkinIndex)};
+}
+
+std::optional<PathStart> seen_path(const ShapeGrid& shape, const Vec3& point_mm,
+                                   const Vec3& towards_eye) {
+  auto start = entering(shape, point_mm, -towards_eye);
+  // Radiance over the index squared is what a ray keeps; pi makes it a reflectance factor.
+  if (start) start->weight *= std::numbers::pi / (kSkinIndex * kSkinIndex);
   return start;
 }
 
@@ -152,8 +156,9 @@ void AdjointWalk::collect(const Photon& photon, const VolumeOptics& here, Photon
   if (!light) return;
   const double sigma_t = matter_.at(0.5 * (photon.point_mm + light->entry_mm)).sigma_t_per_mm();
   const double scattered = phase_per_sr(here.anisotropy, -light->direction.dot(photon.way));
-  deposits.push_back({light->entry_mm, weight * scattered * light->irradiance *
-                                           std::exp(-sigma_t * light->length_mm)});
+  deposits.push_back(
+      {light->entry_mm, light->normal,
+       weight * scattered * light->irradiance * std::exp(-sigma_t * light->length_mm)});
 }
 
 }  // namespace hw_sim

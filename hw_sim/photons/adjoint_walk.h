@@ -22,14 +22,20 @@ struct PathStart {
   double weight = 0;
 };
 
-// Where light that goes on towards `towards_eye` at that place of the surface came from below it,
-// weighted so that deposits sum to the reflectance factor. nullopt where the eye is behind it.
+// Goes on below the surface where a path meets it from outside on its way `way`; the weight is what
+// the boundary lets through. nullopt where it would come from behind.
+std::optional<PathStart> entering(const ShapeGrid& shape, const estimation::Vec3& point_mm,
+                                  const estimation::Vec3& way);
+
+// The same for a path that starts in the eye, with the weight that makes its deposits sum to the
+// reflectance factor.
 std::optional<PathStart> seen_path(const ShapeGrid& shape, const estimation::Vec3& point_mm,
                                    const estimation::Vec3& towards_eye);
 
 // Light that enters at a place counts that much, cast shadows apart.
 struct Deposit {
   estimation::Vec3 entry_mm;
+  estimation::Vec3 normal;  // of the surface there
   double weight = 0;
 };
 

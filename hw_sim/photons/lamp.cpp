@@ -32,7 +32,8 @@ Refraction refracted(const Vec3& way, const Vec3& normal) {
 
 // How much wider than a solid angle at the lamp the pencil's section is at the point, mm^2/sr.
 double pencil_mm2_per_sr(const ShapeGrid& shape, const UnscatteredLight& light, const Vec3& way,
-                         double distance_mm, const Vec3& normal, const Refraction& r) {
+                         double distance_mm, const Refraction& r) {
+  const Vec3& normal = light.normal;
   const Vec3 any = std::abs(way[0]) < 0.9 ? Vec3(1, 0, 0) : Vec3(0, 1, 0);
   Vec3 first = any - any.dot(way) * way;
   first /= cv::norm(first);
@@ -42,9 +43,7 @@ double pencil_mm2_per_sr(const ShapeGrid& shape, const UnscatteredLight& light, 
     const double length = cv::norm(on_surface);
     constexpr double kStepMm = 0.05;
     const Vec3 step = on_surface * (kStepMm / length);
-    const Vec3 normal_turn =
-        (shape.normal(light.entry_mm + step) - shape.normal(light.entry_mm - step)) *
-        (length / (2 * kStepMm));
+    const Vec3 normal_turn = (shape.normal(light.entry_mm + step) - normal) * (length / kStepMm);
     const double cos_turn = -(turn.dot(normal) + way.dot(normal_turn));
     const double below_turn = kRatio * kRatio * r.cos_in * cos_turn / r.cos_below;
     const Vec3 direction_turn = kRatio * turn + (kRatio * cos_turn - below_turn) * normal +
@@ -60,7 +59,7 @@ std::optional<UnscatteredLight> light_at(const ShapeGrid& shape, const Lamp& lam
                                          const Vec3& point_mm) {
   UnscatteredLight light;
   light.entry_mm = point_mm;
-  Vec3 way, normal;
+  Vec3 way;
   double distance_mm = 0;
   Refraction bent;
   // Where the ray comes through depends on how it is bent there: a fixed point, which each step
@@ -71,11 +70,11 @@ std::optional<UnscatteredLight> light_at(const ShapeGrid& shape, const Lamp& lam
     const Vec3 ray = light.entry_mm - lamp.center_mm;
     distance_mm = cv::norm(ray);
     way = ray / distance_mm;
-    normal = shape.normal(light.entry_mm);
-    bent = refracted(way, normal);
-    const double height_mm =
-        shape.distance_mm(light.entry_mm) + normal.dot(point_mm - light.entry_mm);
-    light.length_mm = height_mm / normal.dot(bent.direction);
+    const ShapeGrid::Place place = shape.at(light.entry_mm);
+    light.normal = place.normal;
+    bent = refracted(way, light.normal);
+    const double height_mm = place.distance_mm + light.normal.dot(point_mm - light.entry_mm);
+    light.length_mm = height_mm / light.normal.dot(bent.direction);
     light.direction = bent.direction;
     const Vec3 entry_mm = point_mm - light.length_mm * bent.direction;
     const double moved_mm = cv::norm(entry_mm - light.entry_mm);
@@ -84,7 +83,7 @@ std::optional<UnscatteredLight> light_at(const ShapeGrid& shape, const Lamp& lam
     if (i == kMostSteps || !(moved_mm < 10)) return std::nullopt;
   }
   if (bent.cos_in <= 1e-3 || light.length_mm <= 0) return std::nullopt;
-  const double pencil = pencil_mm2_per_sr(shape, light, way, distance_mm, normal, bent);
+  const double pencil = pencil_mm2_per_sr(shape, light, way, distance_mm, bent);
   if (!(pencil > 0)) return std::nullopt;
   light.irradiance =
       lamp.intensity_mm2 * (1 - fresnel_reflectance(bent.cos_in, 1, kSkinIndex)) / pencil;

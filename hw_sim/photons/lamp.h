@@ -17,6 +17,7 @@ struct Lamp {
 
 struct UnscatteredLight {
   estimation::Vec3 entry_mm;   // where it came through the surface
+  estimation::Vec3 normal;     // of the surface there
   estimation::Vec3 direction;  // in which it travels below it
   double length_mm = 0;        // from there
   // On a small area across the way, less what the matter on the way takes.

@@ -41,11 +41,9 @@ std::array<SkinMatter, 3> SkinMatter::bands_of(const SkinMap& skin, const ShapeG
 VolumeOptics SkinMatter::at(const Vec3& point_mm) const {
   GridFrame::Cell cell;
   if (!frame_.locate(point_mm, cell)) cell = frame_.nearest(point_mm);
-  const auto value = [&](std::size_t term) {
-    return std::exp(frame_.between(
-        cell, [&](std::size_t node) { return static_cast<double>(logs_[node][term]); }));
-  };
-  return volume_optics({value(0), value(1)});
+  const auto [log_a, log_s] = frame_.between(cell, logs_);
+  return volume_optics(
+      {static_cast<double>(std::exp(log_a)), static_cast<double>(std::exp(log_s))});
 }
 
 }  // namespace hw_sim

@@ -54,50 +54,48 @@ GridFrame::Cell GridFrame::nearest(const Vec3& point_mm) const {
 }
 
 ShapeGrid::ShapeGrid(const Shape& shape, const Box& box, double cell_mm)
-    : shape_(shape),
-      frame_(box, cell_mm),
-      distance_mm_(frame_.node_count()),
-      normals_(frame_.node_count(), {0, 0, 0}) {
+    : shape_(shape), frame_(box, cell_mm), nodes_(frame_.node_count(), {0, 0, 0, 0}) {
   tbb::parallel_for(0, frame_.layer_count(), [&](int layer) {
     const std::size_t begin = static_cast<std::size_t>(layer) * frame_.nodes_per_layer();
     for (std::size_t node = begin; node < begin + frame_.nodes_per_layer(); ++node) {
       const Vec3 point = frame_.node_mm(node);
       const double distance = shape.distance_mm(point);
-      distance_mm_[node] = static_cast<float>(distance);
+      nodes_[node][3] = static_cast<float>(distance);
       if (std::abs(distance) > kNormalsWithinMm) continue;
       const Vec3 normal = normal_at(shape, point);
       for (std::size_t axis = 0; axis < 3; ++axis)
-        normals_[node][axis] = static_cast<float>(normal[static_cast<int>(axis)]);
+        nodes_[node][axis] = static_cast<float>(normal[static_cast<int>(axis)]);
     }
   });
+}
+
+ShapeGrid::Place ShapeGrid::at(const Vec3& point_mm) const {
+  GridFrame::Cell cell;
+  if (!frame_.locate(point_mm, cell))
+    return {shape_.distance_mm(point_mm), normal_at(shape_, point_mm)};
+  const std::array<float, 4> sum = frame_.between(cell, nodes_);
+  const auto distance = static_cast<double>(sum[3]);
+  // Two cells away all eight nodes have theirs.
+  if (std::abs(distance) > kNormalsWithinMm - 2 * frame_.cell_mm())
+    return {distance, normal_at(shape_, point_mm)};
+  const Vec3 normal(static_cast<double>(sum[0]), static_cast<double>(sum[1]),
+                    static_cast<double>(sum[2]));
+  return {distance, normal / std::sqrt(normal.dot(normal))};
 }
 
 double ShapeGrid::distance_mm(const Vec3& point_mm) const {
   GridFrame::Cell cell;
   if (!frame_.locate(point_mm, cell)) return shape_.distance_mm(point_mm);
-  return frame_.between(cell,
-                        [&](std::size_t node) { return static_cast<double>(distance_mm_[node]); });
-}
-
-Vec3 ShapeGrid::normal(const Vec3& point_mm) const {
-  GridFrame::Cell cell;
-  if (!frame_.locate(point_mm, cell)) return normal_at(shape_, point_mm);
-  bool is_kept = true;
-  const Vec3 sum = frame_.between(cell, [&](std::size_t node) {
-    const std::array<float, 3>& n = normals_[node];
-    is_kept &= n[0] != 0 || n[1] != 0 || n[2] != 0;
-    return Vec3(static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2]));
-  });
-  return is_kept ? sum / cv::norm(sum) : normal_at(shape_, point_mm);
+  return static_cast<double>(frame_.between(cell, nodes_)[3]);
 }
 
 Vec3 ShapeGrid::on_surface(const Vec3& point_mm) const {
   Vec3 point = point_mm;
   // Each step removes the distance; a shape's is exact near its surface only.
   for (int i = 0; i < 4; ++i) {
-    const double distance = distance_mm(point);
-    point -= distance * normal(point);
-    if (std::abs(distance) < 1e-6) break;
+    const Place place = at(point);
+    point -= place.distance_mm * place.normal;
+    if (std::abs(place.distance_mm) < 1e-6) break;
   }
   return point;
 }

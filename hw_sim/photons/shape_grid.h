@@ -26,21 +26,28 @@ class GridFrame {
   // The nearest place within the box.
   Cell nearest(const estimation::Vec3& point_mm) const;
 
+  double cell_mm() const { return cell_mm_; }
   // Nodes in x run fastest.
   std::size_t node_count() const;
   int layer_count() const { return count_[2]; }
   std::size_t nodes_per_layer() const;
   estimation::Vec3 node_mm(std::size_t node) const;
 
-  // The value between the eight nodes around.
-  template <typename At>
-  auto between(const Cell& cell, const At& at) const {
-    const auto [x, y, z] = cell.fraction;
-    const std::size_t n = cell.node, dy = step_y_, dz = step_z_;
-    const auto along_x = [&](std::size_t from) { return at(from) * (1 - x) + at(from + 1) * x; };
-    const auto near = along_x(n) * (1 - y) + along_x(n + dy) * y;
-    const auto far = along_x(n + dz) * (1 - y) + along_x(n + dy + dz) * y;
-    return near * (1 - z) + far * z;
+  // The values between the eight nodes around.
+  template <std::size_t kCount>
+  std::array<float, kCount> between(const Cell& cell,
+                                    const std::vector<std::array<float, kCount>>& nodes) const {
+    std::array<float, kCount> sum{};
+    for (std::size_t corner = 0; corner < 8; ++corner) {
+      const bool is_right = (corner & 1) != 0, is_up = (corner & 2) != 0, is_far = corner >= 4;
+      const double weight = (is_right ? cell.fraction[0] : 1 - cell.fraction[0]) *
+                            (is_up ? cell.fraction[1] : 1 - cell.fraction[1]) *
+                            (is_far ? cell.fraction[2] : 1 - cell.fraction[2]);
+      const std::array<float, kCount>& node =
+          nodes[cell.node + (is_right ? 1 : 0) + (is_up ? step_y_ : 0) + (is_far ? step_z_ : 0)];
+      for (std::size_t i = 0; i < kCount; ++i) sum[i] += static_cast<float>(weight) * node[i];
+    }
+    return sum;
   }
 
  private:
@@ -56,22 +63,26 @@ class ShapeGrid {
   // Runs in the caller's TBB arena; the same numbers for any number of threads.
   ShapeGrid(const Shape& shape, const Box& box, double cell_mm);
 
+  struct Place {
+    double distance_mm = 0;   // negative inside
+    estimation::Vec3 normal;  // outward, a unit vector
+  };
+
   const GridFrame& frame() const { return frame_; }
-  // Negative inside.
+  Place at(const estimation::Vec3& point_mm) const;
   double distance_mm(const estimation::Vec3& point_mm) const;
-  // Outward, a unit vector.
-  estimation::Vec3 normal(const estimation::Vec3& point_mm) const;
+  estimation::Vec3 normal(const estimation::Vec3& point_mm) const { return at(point_mm).normal; }
   // The place on the surface below which the point lies.
   estimation::Vec3 on_surface(const estimation::Vec3& point_mm) const;
 
  private:
   // Normals are kept this near the surface; they are seldom asked for elsewhere.
-  static constexpr double kNormalsWithinMm = 2;
+  static constexpr double kNormalsWithinMm = 2.5;
 
   const Shape& shape_;
   GridFrame frame_;
-  std::vector<float> distance_mm_;
-  std::vector<std::array<float, 3>> normals_;  // zero where not kept
+  // Normal, zero where not kept, and distance.
+  std::vector<std::array<float, 4>> nodes_;
 };
 
 }  // namespace hw_sim

@@ -1,0 +1,93 @@
+#include "tests/hw_sim/photons/half_space.h"
+
+#include <tbb/parallel_for.h>
+
+#include <cmath>
+#include <fstream>
+#include <numbers>
+#include <sstream>
+
+namespace hw_sim {
+
+using estimation::Vec3;
+
+const ShapeGrid& half_space() {
+  static const HalfSpace shape;
+  static const ShapeGrid grid(shape, {{-15, -15, -1}, {15, 15, 10}}, 0.5);
+  return grid;
+}
+
+Lamp sunlight(double incidence_rad) {
+  constexpr double kFarMm = 1e6;
+  return {kFarMm * Vec3(-std::sin(incidence_rad), 0, -std::cos(incidence_rad)), kFarMm * kFarMm};
+}
+
+Vec3 lambertian_direction(PhotonRandom& random) {
+  const double sine2 = random.uniform(), azimuth = 2 * std::numbers::pi * random.uniform();
+  const double sine = std::sqrt(sine2);
+  return {sine * std::cos(azimuth), sine * std::sin(azimuth), -std::sqrt(1 - sine2)};
+}
+
+std::vector<Harmonic> flat_harmonics(const VolumeOptics& optics, double incidence_rad,
+                                     std::span<const double> freqs_per_mm, int paths,
+                                     std::uint64_t seed) {
+  constexpr int kBatches = 32;
+  const UniformMatter matter(optics);
+  const AdjointWalk walk(half_space(), matter, sunlight(incidence_rad));
+  const double cosine = std::cos(incidence_rad);
+  const double flux = cosine * (1 - fresnel_reflectance(cosine, 1, kSkinIndex));
+  const std::size_t count = freqs_per_mm.size();
+  std::vector<std::vector<std::complex<double>>> batches(
+      kBatches, std::vector<std::complex<double>>(count, 0.0));
+  tbb::parallel_for(0, kBatches, [&](int batch) {
+    PhotonRandom random(seed * kBatches + static_cast<std::uint64_t>(batch));
+    std::vector<Deposit> deposits;
+    const double share = 1 / (flux * (paths / kBatches));
+    for (int path = 0; path < paths / kBatches; ++path) {
+      deposits.clear();
+      const auto start = seen_path(half_space(), {0, 0, 0}, lambertian_direction(random));
+      if (start) walk.trace(*start, random, deposits);
+      for (const Deposit& deposit : deposits)
+        for (std::size_t i = 0; i < count; ++i)
+          batches[static_cast<std::size_t>(batch)][i] += std::polar(
+              share * deposit.weight, 2 * std::numbers::pi * freqs_per_mm[i] * deposit.entry_mm[0]);
+    }
+  });
+  std::vector<Harmonic> harmonics(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    std::vector<double> real;
+    for (const auto& batch : batches) {
+      real.push_back(batch[i].real());
+      harmonics[i].value += batch[i] / static_cast<double>(kBatches);
+    }
+    harmonics[i].standard_error = estimate_of(real).standard_error;
+  }
+  return harmonics;
+}
+
+double TruthMedium::standard_error(std::size_t freq) const {
+  return std::sqrt(reflectance[freq] / photons);
+}
+
+std::vector<TruthMedium> read_truth(const std::filesystem::path& file) {
+  std::vector<TruthMedium> media;
+  std::ifstream stream(file);
+  for (std::string line; std::getline(stream, line);) {
+    if (line.empty() || line[0] == '#' || line.starts_with("name")) continue;
+    for (char& c : line)
+      if (c == ',') c = ' ';
+    std::istringstream row(line);
+    TruthMedium medium;
+    double freq_per_mm = 0, reflectance = 0;
+    row >> medium.name >> medium.scattering.sigma_a_per_mm >>
+        medium.scattering.sigma_s_prime_per_mm >> medium.photons >> freq_per_mm >> reflectance;
+    for (const double wanted : kTruthFreqs_per_mm) {
+      if (std::abs(freq_per_mm - wanted) > 1e-6) continue;
+      if (media.empty() || media.back().name != medium.name) media.push_back(medium);
+      media.back().reflectance.push_back(reflectance);
+    }
+  }
+  return media;
+}
+
+}  // namespace hw_sim

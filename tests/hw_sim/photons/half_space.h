@@ -1,0 +1,56 @@
+// Flat phantoms for the volume's photons: half spaces whose reflectance other codes and laws of
+// nature know. Used by the tests with few photons and by tests/bench with many.
+#pragma once
+
+#include <complex>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "hw_sim/photons/adjoint_walk.h"
+#include "hw_sim/photons/pixel_response.h"
+
+namespace hw_sim {
+
+// Everything with z > 0; the light comes from z < 0.
+class HalfSpace final : public Shape {
+ public:
+  double distance_mm(const estimation::Vec3& point_mm) const override { return -point_mm[2]; }
+  Box bounds() const override { return {{-1, -1, -1}, {1, 1, 1}}; }
+};
+
+const ShapeGrid& half_space();
+
+// Parallel light of irradiance 1 across its way, from -x and above.
+Lamp sunlight(double incidence_rad);
+
+// Outside directions by Lambert's law.
+estimation::Vec3 lambertian_direction(PhotonRandom& random);
+
+// Out of one seen point, all exit directions by Lambert's law.
+struct Harmonic {
+  std::complex<double> value;  // per flux transmitted into the medium
+  double standard_error = 0;   // of the real part
+};
+
+// R(f) at each frequency, f along x. Runs in the caller's TBB arena; the same numbers for any
+// number of threads.
+std::vector<Harmonic> flat_harmonics(const VolumeOptics& optics, double incidence_rad,
+                                     std::span<const double> freqs_per_mm, int paths,
+                                     std::uint64_t seed);
+
+// reference/mc_truth_rf.csv at f = 0 and harmonics 1 to 4 and 6 of 12 mm, rounded as in the file.
+inline constexpr double kTruthFreqs_per_mm[] = {0, 0.08, 0.17, 0.25, 0.33, 0.5};
+struct TruthMedium {
+  std::string name;
+  Scattering scattering;
+  double photons = 0;
+  std::vector<double> reflectance;  // by kTruthFreqs_per_mm
+  // A photon's weight is at most about 1: its variance is at most R at these frequencies.
+  double standard_error(std::size_t freq) const;
+};
+std::vector<TruthMedium> read_truth(const std::filesystem::path& file);
+
+}  // namespace hw_sim
