@@ -11,11 +11,18 @@
 
 namespace hw_sim {
 
+// When a picture's light comes, beyond its moment on the LightTimeline.
+struct LampTiming {
+  int input_lag_refreshes = 0;          // beyond the display's own
+  std::chrono::nanoseconds scanout{0};  // from the light of a picture's first row to its last's
+};
+
 struct Exposure {
-  std::vector<LightSegment> light;  // what the projector showed while the shutter was open
+  // What the projector showed until the shutter closed, from LampTiming::scanout before it opened.
+  std::vector<LightSegment> light;
   std::chrono::microseconds duration{0};
   std::chrono::nanoseconds start{0};  // on the host's clock
-  std::uint64_t trigger_number = 0;  // 1, 2, ...: seeds the noise, and is the frame's identity
+  std::uint64_t trigger_number = 0;   // 1, 2, ...: seeds the noise, and is the frame's identity
 };
 
 class World {
@@ -28,6 +35,7 @@ class World {
   // same bytes. Thread-safe.
   virtual void expose(const Exposure& exposure,
                       estimation::ImageView<std::uint16_t> frame_dn) const = 0;
+  virtual LampTiming lamp_timing() const { return {}; }
   // Called as soon as a picture is lit, so that its light can be computed before the shutter
   // closes. Thread-safe.
   virtual void prepare(const std::shared_ptr<const Picture>& /*picture*/) const {}

@@ -1,6 +1,6 @@
 // A lit head in front of the simulated camera: a mesh with the paper's materials, subsurface
-// transport integrated over its surface, one bounce of light between its parts, optics and a room
-// as Effects say, and an image sensor before a black backdrop.
+// transport integrated over its surface, light bouncing between its parts, optics, room and subject
+// as Effects say, and an image sensor. Every frame carries its identity (identity_block.h).
 #pragma once
 
 #include <cstdint>
@@ -24,7 +24,9 @@ struct SceneOptions {
   ScatteringModel scattering = ScatteringModel::kDipole;
   int photons_per_angle = 1'000'000;  // of Monte Carlo: reflectances within 0.1%
   Effects effects;
-  bool has_indirect = true;            // one bounce of light between parts of the face
+  bool has_indirect = true;            // light between parts of the face
+  int bounces = 3;                     // of it
+  bool has_identity = true;            // every frame says in a corner what made it
   std::uint64_t seed = 1;              // of the sensor's noise
   int thread_count = 0;                // 0: as many as there are cores
   std::filesystem::path cache_folder;  // where computed transport is kept; empty: nowhere
@@ -55,6 +57,8 @@ class HeadWorld final : public World {
   // Computes the picture's linear image and keeps it, with the few used last.
   void prepare(const std::shared_ptr<const Picture>& picture) const override;
 
+  LampTiming lamp_timing() const override;
+
   // What the camera would see of a picture without noise: DN/us above black, [height][width]
   // [channel], `elapsed` after the first exposure. Computed anew.
   estimation::Image<float> linear_image(
@@ -62,7 +66,9 @@ class HeadWorld final : public World {
 
   // The maps of session_format.md that a perfect estimator would give, and scene.exr with the
   // channels region, border_distance_mm (to the nearest zone of mixed materials, silhouette, depth
-  // jump or edge of a cast shadow; never more than it is), cos_projector, cos_camera and lit.
+  // jump or edge of a cast shadow; never more than it is), cos_projector, cos_camera and lit. They
+  // hold where the subject was at the first exposure; poses.csv says how far it had moved at each
+  // (of the latest 100,000), by trigger number and the host's clock.
   estimation::Result<void> write_truth(const std::filesystem::path& folder) const;
 
  private:

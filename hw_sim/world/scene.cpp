@@ -27,6 +27,11 @@ constexpr Material kMaleForehead = material(0.4761, 0.3163, 0.442, 1.1415, 1.226
 constexpr Material kMaleStubble = material(0.4056, 0.6024, 0.6707, 0.9237, 0.8621, 0.6648);
 constexpr Material kMaleMean = material(0.2047, 0.3595, 0.4691, 1.1602, 1.1586, 0.8373);
 
+// Jensen et al., "A Practical Model for Subsurface Light Transport" (2001), their table.
+constexpr Material kJensenSkin1 = material(0.032, 0.17, 0.48, 0.74, 0.88, 1.01);
+constexpr Material kJensenSkin2 = material(0.013, 0.070, 0.145, 1.09, 1.59, 1.79);
+constexpr Material kJensenApple = material(0.0030, 0.0034, 0.046, 2.29, 2.39, 1.97);
+
 constexpr double kBorderHalfWidthMm = 2;
 
 // Signed distances in the frontal plane (x, y), negative inside. Frontal distances are never longer
@@ -52,6 +57,9 @@ double lips(double x, double y) {
   return ellipse(x, y - 62.8 - (y < 62.8 ? -bow : 0) * 0.5, 23.5, 9.5);
 }
 
+// What is seen of an eye between open lids.
+double eye(double x, double y) { return ellipse(std::abs(x) - 30.5, y - 5.2, 11.5, 4.8); }
+
 struct Patch {
   double (*signed_distance_mm)(double x, double y);
   Region region;
@@ -65,7 +73,8 @@ class FaceSkin final : public SkinMap {
 
   Skin at(const Vec3& point_mm) const override {
     const Vec3 p = point_mm - center_;
-    Skin skin{elsewhere_, Region::kElsewhere, std::numeric_limits<double>::infinity()};
+    Skin skin{elsewhere_, Region::kElsewhere, std::numeric_limits<double>::infinity(),
+              eye(p[0], p[1]) < 0};
     for (const Patch& patch : patches_) {
       const double distance_mm = patch.signed_distance_mm(p[0], p[1]);
       const double share = 1 - smooth_step(distance_mm / kBorderHalfWidthMm);
@@ -106,7 +115,7 @@ class FaceSkin final : public SkinMap {
 class PhantomSkin final : public SkinMap {
  public:
   Skin at(const Vec3& /*point_mm*/) const override {
-    return {kFemaleCheek, Region::kCheek, std::numeric_limits<double>::infinity()};
+    return {kFemaleCheek, Region::kCheek, std::numeric_limits<double>::infinity(), false};
   }
 };
 
@@ -123,7 +132,7 @@ Scene female_face() {
                                      })};
 }
 
-Scene male_face() {
+HeadProportions a_mans() {
   HeadProportions with;
   with.jaw_width_mm = 29;
   with.chin_mm = 18;
@@ -132,14 +141,28 @@ Scene male_face() {
   with.nose_length_mm = 24;
   with.lip_mm = 3.8;
   with.neck_mm = 52;
+  return with;
+}
+
+Scene male_face() {
   // The table has no row for a man's cheek: it is the mean, and its rim is no border.
-  return {make_head(with, kHeadCenterMm),
+  return {make_head(a_mans(), kHeadCenterMm),
           std::make_unique<FaceSkin>(kHeadCenterMm, kMaleMean,
                                      std::vector<Patch>{
                                          {forehead, Region::kForehead, kMaleForehead},
                                          {cheek, Region::kCheek, kMaleMean},
                                          {stubble, Region::kStubble, kMaleStubble},
                                          {lips, Region::kLips, kMaleLips},
+                                     })};
+}
+
+Scene wax_bust() {
+  return {make_head(a_mans(), kHeadCenterMm),
+          std::make_unique<FaceSkin>(kHeadCenterMm, kJensenSkin1,
+                                     std::vector<Patch>{
+                                         {forehead, Region::kForehead, kJensenSkin2},
+                                         {cheek, Region::kCheek, kJensenSkin2},
+                                         {lips, Region::kLips, kJensenApple},
                                      })};
 }
 
@@ -150,7 +173,8 @@ Scene phantom(std::unique_ptr<Shape> shape) {
 }  // namespace
 
 std::vector<std::string> scene_names() {
-  return {"face_female", "face_male", "flat_phantom", "tilted_phantom", "sphere", "empty"};
+  return {"face_female", "face_male", "flat_phantom", "tilted_phantom",
+          "wedge",       "sphere",    "wax_bust",     "empty"};
 }
 
 rig::Result<Scene> make_scene(const std::string& name) {
@@ -159,6 +183,8 @@ rig::Result<Scene> make_scene(const std::string& name) {
   if (name == "flat_phantom") return phantom(make_slab({0, 0, 1000}, 110, 90, 0));
   if (name == "tilted_phantom")
     return phantom(make_slab({0, 0, 1000}, 110, 90, std::numbers::pi / 6));
+  if (name == "wedge") return phantom(make_wedge({0, 0, 1027}, 110, 85, std::numbers::pi / 6));
+  if (name == "wax_bust") return wax_bust();
   if (name == "sphere") return phantom(make_sphere({0, 0, 1060}, 80));
   if (name == "empty") return phantom(nullptr);
   std::string known;

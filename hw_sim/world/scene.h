@@ -1,5 +1,5 @@
-// The scenes: a shape and the materials on it. Materials are the paper's Table 2 by region, with
-// borders a few millimetres wide that are smooth in ln sigma.
+// The scenes: a shape and the materials on it. Materials are the paper's Table 2 by region (the wax
+// bust's are Jensen's), with borders a few millimetres wide that are smooth in ln sigma.
 #pragma once
 
 #include <array>
@@ -25,6 +25,7 @@ struct Skin {
   Material material;
   Region region = Region::kElsewhere;  // the one with the largest share
   double border_distance_mm = 0;       // to the nearest zone where materials mix; 0 within it
+  bool is_eye = false;                 // between the lids when they open
 };
 
 // Immutable, so thread-safe.
@@ -40,7 +41,8 @@ struct Scene {
 };
 
 // face_female, face_male, flat_phantom (a slab facing the camera at 1000 mm), tilted_phantom (by 30
-// degrees), sphere, empty. Errors: kConfiguration with the list of names.
+// degrees), wedge (two slabs like an open book, 120 degrees between them), sphere, wax_bust (a
+// man's head of Jensen's media), empty. Errors: kConfiguration with the list of names.
 rig::Result<Scene> make_scene(const std::string& name);
 std::vector<std::string> scene_names();
 

@@ -28,13 +28,14 @@ struct SeenPoint {
 struct SeenPoints {
   std::vector<SeenPoint> points;     // in pixel order
   std::vector<SeenSample> samples;   // of the frame, in sample order
-  std::vector<std::uint8_t> bands;   // of each sample: 0 R, 1 G, 2 B; mono 1, as green
+  std::vector<std::uint8_t> bands;   // of each sample's light: 0 R, 1 G, 2 B; mono 1, as green
   std::vector<std::int32_t> owners;  // index into points of each sample
 };
 
-// Runs in the caller's TBB arena.
+// Of a camera band's light `crosstalk_frac` is that of each other band. Runs in the caller's TBB
+// arena.
 SeenPoints find_seen_points(const estimation::CameraInfo& camera, const Pinhole& eye,
                             const Pinhole& lamp, int lamp_height_px, int lamp_width_px,
-                            const Surface& surface, const SkinMap& skin);
+                            const Surface& surface, const SkinMap& skin, double crosstalk_frac);
 
 }  // namespace hw_sim

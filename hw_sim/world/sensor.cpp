@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace hw_sim {
 
@@ -52,22 +53,45 @@ double poisson_count(double mean, double uniform) {
   return count;
 }
 
+// What a pixel is, whatever it sees.
+struct PixelMake {
+  double gain = 1, offset_dn = 0, dark_dn = 0;
+};
+
+PixelMake pixel_make(const SensorModel& sensor, std::int64_t sample, double exposure_s) {
+  constexpr std::uint64_t kStream = 0x5EED0F7115A11CE5U;  // apart from the noise's
+  const std::uint64_t a = mixed(mixed(sensor.seed ^ kStream) +
+                                static_cast<std::uint64_t>(sample) * 0xD1342543DE82EF95U);
+  const std::uint64_t b = mixed(a);
+  PixelMake make;
+  make.gain =
+      std::max(0.0, 1 + sensor.pixel_gain_sd_frac * normal_quantile(to_unit(a & 0xFFFFFFFFU)));
+  make.offset_dn = sensor.pixel_offset_sd_dn * normal_quantile(to_unit(a >> 32));
+  if (to_unit(b & 0xFFFFFFFFU) < sensor.hot_pixel_frac)
+    make.dark_dn = -std::log(to_unit(b >> 32)) * sensor.hot_pixel_dn_per_s * exposure_s;
+  return make;
+}
+
 }  // namespace
 
 void SensorModel::digitise(const float* signal_dn, std::uint64_t trigger_number,
-                           std::int64_t first_sample, std::int64_t count,
-                           std::uint16_t* frame_dn) const {
+                           std::int64_t first_sample, std::int64_t count, std::uint16_t* frame_dn,
+                           double exposure_s) const {
   // Above this mean a normal variable with Poisson's variance and skewness differs from Poisson by
   // less than its steps.
   constexpr double kManyElectrons = 30;
   const std::uint64_t stream = mixed(seed ^ mixed(trigger_number));
   const double read_variance = read_noise_e * read_noise_e;
   const double dn_per_e = 1 / gain_e_per_dn;
+  const double well_e = full_well_e > 0 ? full_well_e : std::numeric_limits<double>::infinity();
   for (std::int64_t i = 0; i < count; ++i) {
     const std::uint64_t random =
         mixed(stream + static_cast<std::uint64_t>(first_sample + i) * 0xD1342543DE82EF95U);
     const double z = normal_quantile(to_unit(random & 0xFFFFFFFFU));
-    const double mean_e = static_cast<double>(signal_dn[i]) * gain_e_per_dn;
+    const PixelMake make =
+        has_fixed_pattern() ? pixel_make(*this, first_sample + i, exposure_s) : PixelMake{};
+    const double mean_e =
+        (static_cast<double>(signal_dn[i]) * make.gain + make.dark_dn) * gain_e_per_dn;
     double electrons = 0;
     if (mean_e >= kManyElectrons) {
       const double variance = mean_e + read_variance, sd = std::sqrt(variance);
@@ -77,7 +101,8 @@ void SensorModel::digitise(const float* signal_dn, std::uint64_t trigger_number,
       electrons = read_noise_e * z;
       if (mean_e > 0) electrons += poisson_count(mean_e, to_unit(random >> 32));
     }
-    const double dn = std::floor(black_level_dn + electrons * dn_per_e + 0.5);
+    electrons = std::min(electrons, well_e);
+    const double dn = std::floor(black_level_dn + make.offset_dn + electrons * dn_per_e + 0.5);
     frame_dn[i] = static_cast<std::uint16_t>(std::clamp(dn, 0.0, static_cast<double>(adc_max_dn)));
   }
 }

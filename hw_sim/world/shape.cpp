@@ -134,6 +134,37 @@ class Slab final : public Shape {
   Vec3 center_, half_, right_, back_;
 };
 
+class Wedge final : public Shape {
+ public:
+  Wedge(const Vec3& spine_mm, double width_mm, double half_height_mm, double tilt_rad)
+      : spine_(spine_mm),
+        half_size_(width_mm * std::cos(tilt_rad) + kReach, half_height_mm + kReach,
+                   width_mm * std::sin(tilt_rad) + kReach),
+        // A page reaches a little beyond the spine, so that its rounded rim lies inside the other.
+        left_(page(-1, width_mm, half_height_mm, tilt_rad)),
+        right_(page(1, width_mm, half_height_mm, tilt_rad)) {}
+
+  double distance_mm(const Vec3& point_mm) const override {
+    return blend(left_.distance_mm(point_mm), right_.distance_mm(point_mm), kFilletMm);
+  }
+  Box bounds() const override { return {spine_ - half_size_, spine_ + half_size_}; }
+
+ private:
+  static constexpr double kReach = 20;
+  static constexpr double kBeyondSpineMm = 6;
+  static constexpr double kFilletMm = 1;
+
+  Slab page(int side, double width_mm, double half_height_mm, double tilt_rad) const {
+    const Vec3 outward(side * std::cos(tilt_rad), 0, -std::sin(tilt_rad));
+    const double half_mm = (width_mm + kBeyondSpineMm) / 2;
+    return {spine_ + (half_mm - kBeyondSpineMm) * outward, half_mm, half_height_mm,
+            -side * tilt_rad};
+  }
+
+  Vec3 spine_, half_size_;
+  Slab left_, right_;
+};
+
 class Sphere final : public Shape {
  public:
   Sphere(const Vec3& center_mm, double radius_mm) : center_(center_mm), radius_mm_(radius_mm) {}
@@ -171,6 +202,11 @@ std::unique_ptr<Shape> make_head(const HeadProportions& proportions, const Vec3&
 std::unique_ptr<Shape> make_slab(const Vec3& center_mm, double half_width_mm, double half_height_mm,
                                  double tilt_rad) {
   return std::make_unique<Slab>(center_mm, half_width_mm, half_height_mm, tilt_rad);
+}
+
+std::unique_ptr<Shape> make_wedge(const Vec3& spine_mm, double width_mm, double half_height_mm,
+                                  double tilt_rad) {
+  return std::make_unique<Wedge>(spine_mm, width_mm, half_height_mm, tilt_rad);
 }
 
 std::unique_ptr<Shape> make_sphere(const Vec3& center_mm, double radius_mm) {

@@ -45,6 +45,11 @@ std::unique_ptr<Shape> make_head(const HeadProportions& proportions,
 std::unique_ptr<Shape> make_slab(const estimation::Vec3& center_mm, double half_width_mm,
                                  double half_height_mm, double tilt_rad);
 
+// Two slabs like an open book that faces the camera, `width_mm` x twice the half height each, with
+// their faces meeting along the vertical line through `spine_mm`, each turned by `tilt_rad`.
+std::unique_ptr<Shape> make_wedge(const estimation::Vec3& spine_mm, double width_mm,
+                                  double half_height_mm, double tilt_rad);
+
 std::unique_ptr<Shape> make_sphere(const estimation::Vec3& center_mm, double radius_mm);
 
 }  // namespace hw_sim

@@ -9,6 +9,7 @@
 #include <istream>
 #include <mutex>
 #include <numbers>
+#include <opencv2/imgproc.hpp>
 #include <ostream>
 #include <utility>
 
@@ -119,54 +120,6 @@ std::uint64_t dot(const std::uint16_t* responses, const unsigned char* line, int
     total += sum;
   }
   return total;
-}
-
-constexpr float kBlurStep_px = 0.1F;
-
-// The line under a Gaussian blur; its ends continue. The taps' contrast is the Gaussian's at every
-// frequency that pixels hold: pixels are squares already, so the Gaussian is not averaged over
-// them.
-std::vector<float> blurred(const std::vector<unsigned char>& line, double sigma_px) {
-  std::vector<float> out(line.begin(), line.end());
-  if (sigma_px <= 0) return out;
-  const int reach = static_cast<int>(std::ceil(5 * sigma_px)) + 8;
-  constexpr int kSteps = 400;
-  constexpr double kTurn = 2 * std::numbers::pi;
-  std::vector<double> taps;
-  for (int i = -reach; i <= reach; ++i) {
-    double sum = 0;
-    for (int step = 0; step < kSteps; ++step) {
-      const double freq_per_px = 0.5 * (step + 0.5) / kSteps;
-      sum += std::exp(-0.5 * std::pow(kTurn * sigma_px * freq_per_px, 2)) *
-             std::cos(kTurn * freq_per_px * i);
-    }
-    taps.push_back(sum / kSteps);
-  }
-  const int last = static_cast<int>(line.size()) - 1;
-  for (int px = 0; px <= last; ++px) {
-    double sum = 0;
-    for (int i = -reach; i <= reach; ++i)
-      sum += taps[to_size(i + reach)] * line[to_size(std::clamp(px - i, 0, last))];
-    out[to_size(px)] = static_cast<float>(sum);
-  }
-  return out;
-}
-
-// sum of response[i] * line at begin + i - shift. Between pixels light is what falls on their
-// square: linear.
-float shifted_dot(const std::uint16_t* responses, const std::vector<float>& line, int begin,
-                  int count, float shift_px) {
-  const int whole = static_cast<int>(std::floor(shift_px));
-  const float part = shift_px - static_cast<float>(whole);
-  const int last = static_cast<int>(line.size()) - 1;
-  const auto at = [&](int px) { return line[to_size(std::clamp(px, 0, last))]; };
-  double sum = 0;
-  for (int i = 0; i < count; ++i) {
-    const int px = begin + i - whole;
-    sum += static_cast<double>(static_cast<float>(responses[i]) *
-                               ((1 - part) * at(px) + part * at(px - 1)));
-  }
-  return static_cast<float>(sum);
 }
 
 }  // namespace
@@ -383,95 +336,111 @@ bool Transport::load(std::istream& in, const std::vector<SeenSample>& samples,
   return static_cast<bool>(in);
 }
 
-void Transport::add_light(estimation::ImageView<const unsigned char> brightness,
-                          const LineOptics& optics, std::vector<float>& linear) const {
-  if (entries_.empty()) return;
+std::vector<float> Transport::reflected(estimation::ImageView<const unsigned char> brightness,
+                                        const LineOptics& optics) const {
+  std::vector<float> reflected(entries_.size(), 0.0F);
+  if (entries_.empty()) return reflected;
   const SplitPicture split = split_picture(brightness);
   if (split.kind != SplitPicture::Kind::kGeneral) {
     const std::size_t axis = split.kind == SplitPicture::Kind::kColumns ? 0 : 1;
-    if (optics.blur_px.empty() && optics.shift_px[axis].empty())
-      add_line(axis, split.line, linear);
+    if (optics.lamp.is_exact_for(split.line) && optics.shift_px[axis].empty())
+      add_line(axis, split.line, reflected);
     else
-      add_blurred_line(axis, split.line, optics, linear);
+      add_blurred_line(axis, split.line, optics, reflected);
   }
-  if (!split.rest.empty()) add_rest(brightness, split, linear);
+  if (!split.rest.empty()) add_rest(brightness, split, optics, reflected);
+  return reflected;
 }
 
 void Transport::add_line(std::size_t axis, const std::vector<unsigned char>& line,
-                         std::vector<float>& linear) const {
+                         std::vector<float>& reflected) const {
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, entries_.size(), 4096),
                     [&](const tbb::blocked_range<std::size_t>& range) {
                       for (std::size_t i = range.begin(); i < range.end(); ++i) {
                         const Window& window = entries_[i].windows[axis];
                         const std::uint64_t sum = dot(responses_.data() + window.offset,
                                                       line.data() + window.begin, window.count);
-                        linear[to_size((*samples_)[i].sample)] +=
-                            window.scale * static_cast<float>(sum) / 255;
+                        reflected[i] += window.scale * static_cast<float>(sum) / 255;
                       }
                     });
 }
 
 void Transport::add_blurred_line(std::size_t axis, const std::vector<unsigned char>& line,
-                                 const LineOptics& optics, std::vector<float>& linear) const {
-  float greatest = 0;
-  for (const float blur_px : optics.blur_px) greatest = std::max(greatest, blur_px);
-  std::vector<std::vector<float>> levels;  // the line under blurs of 0, 1, 2, ... steps
-  for (int level = 0; static_cast<float>(level - 1) * kBlurStep_px < greatest; ++level)
-    levels.push_back(blurred(line, static_cast<double>(level) * static_cast<double>(kBlurStep_px)));
+                                 const LineOptics& optics, std::vector<float>& reflected) const {
+  const LitLine lit = optics.lamp.lit(line);
   const std::vector<float>& shifts = optics.shift_px[axis];
-  tbb::parallel_for(
-      tbb::blocked_range<std::size_t>(0, entries_.size(), 4096),
-      [&](const tbb::blocked_range<std::size_t>& range) {
-        for (std::size_t i = range.begin(); i < range.end(); ++i) {
-          const Window& window = entries_[i].windows[axis];
-          const float blur = optics.blur_px.empty() ? 0 : optics.blur_px[i] / kBlurStep_px;
-          const float shift = shifts.empty() ? 0 : shifts[i];
-          const auto level = static_cast<std::size_t>(blur);
-          const float part = blur - static_cast<float>(level);
-          float sum = (1 - part) * shifted_dot(responses_.data() + window.offset, levels[level],
-                                               window.begin, window.count, shift);
-          if (part > 0)
-            sum += part * shifted_dot(responses_.data() + window.offset, levels[level + 1],
-                                      window.begin, window.count, shift);
-          linear[to_size((*samples_)[i].sample)] += window.scale * sum / 255;
-        }
-      });
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, entries_.size(), 4096),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                        const Window& window = entries_[i].windows[axis];
+                        const float blur = optics.blur_px.empty() ? 0 : optics.blur_px[i];
+                        const float shift = shifts.empty() ? 0 : shifts[i];
+                        reflected[i] +=
+                            window.scale * lit.dot(responses_.data() + window.offset, window.begin,
+                                                   window.count, shift, blur);
+                      }
+                    });
 }
 
-void Transport::add_rest(estimation::ImageView<const unsigned char> brightness,
-                         const SplitPicture& split, std::vector<float>& linear) const {
+namespace {
+
+// What of a picture its line does not say, as light; blurred as in the mean, and `rect` grown by
+// that.
+estimation::Image<float> rest_of(estimation::ImageView<const unsigned char> brightness,
+                                 const SplitPicture& split, const LineOptics& optics, Rect& rect) {
   estimation::Image<float> rest(brightness.height_px, brightness.width_px);
-  for (int row = split.rest.row_begin; row < split.rest.row_end; ++row)
-    for (int col = split.rest.col_begin; col < split.rest.col_end; ++col) {
-      float value = static_cast<float>(brightness.at(row, col));
+  for (int row = rect.row_begin; row < rect.row_end; ++row)
+    for (int col = rect.col_begin; col < rect.col_end; ++col) {
+      float value = optics.lamp.light(brightness.at(row, col));
       if (split.kind == SplitPicture::Kind::kColumns)
-        value -= static_cast<float>(split.line[to_size(col)]);
+        value -= optics.lamp.light(split.line[to_size(col)]);
       if (split.kind == SplitPicture::Kind::kRows)
-        value -= static_cast<float>(split.line[to_size(row)]);
-      rest.at(row, col) = value / 255;
+        value -= optics.lamp.light(split.line[to_size(row)]);
+      rest.at(row, col) = value;
     }
+  if (optics.blur_px.empty()) return rest;
+  double blur_px = 0;
+  for (const float each : optics.blur_px) blur_px += static_cast<double>(each);
+  blur_px /= static_cast<double>(optics.blur_px.size());
+  const int reach = static_cast<int>(std::ceil(4 * blur_px));
+  if (reach == 0) return rest;
+  cv::Mat pixels(rest.height_px(), rest.width_px(), CV_32F, rest.samples().data());
+  cv::GaussianBlur(pixels, pixels, {2 * reach + 1, 2 * reach + 1}, blur_px, blur_px,
+                   cv::BORDER_REPLICATE);
+  rect = {std::max(0, rect.row_begin - reach), std::min(rest.height_px(), rect.row_end + reach),
+          std::max(0, rect.col_begin - reach), std::min(rest.width_px(), rect.col_end + reach)};
+  return rest;
+}
+
+}  // namespace
+
+void Transport::add_rest(estimation::ImageView<const unsigned char> brightness,
+                         const SplitPicture& split, const LineOptics& optics,
+                         std::vector<float>& reflected) const {
+  Rect rect = split.rest;
+  const estimation::Image<float> rest = rest_of(brightness, split, optics, rect);
   const bool any_fine = std::any_of(entries_.begin(), entries_.end(), [&](const Entry& entry) {
-    return entry.is_fine != 0 && entry.reach.meets(split.rest);
+    return entry.is_fine != 0 && entry.reach.meets(rect);
   });
   const LightLattice& coarse = light_->coarse();
   const LightLattice& fine = any_fine ? light_->fine() : coarse;
-  const std::vector<float> coarse_light = light_on_lattice(coarse, std::as_const(rest).view());
+  const std::vector<float> coarse_light = light_on_lattice(coarse, rest.view());
   const std::vector<float> fine_light =
-      any_fine ? light_on_lattice(fine, std::as_const(rest).view()) : std::vector<float>{};
+      any_fine ? light_on_lattice(fine, rest.view()) : std::vector<float>{};
   tbb::parallel_for(
       tbb::blocked_range<std::size_t>(0, entries_.size(), kChunk),
       [&](const tbb::blocked_range<std::size_t>& range) {
         Worker worker{*light_, table_, coarse, fine, {}, {}, {}};
         for (std::size_t i = range.begin(); i < range.end(); ++i) {
           const Entry& entry = entries_[i];
-          if (!entry.reach.meets(split.rest)) continue;
+          if (!entry.reach.meets(rect)) continue;
           const SeenSample& sample = (*samples_)[i];
           const bool is_fine = entry.is_fine != 0;
           const std::vector<float>& lit = is_fine ? fine_light : coarse_light;
-          const Rect both{std::max(entry.reach.row_begin, split.rest.row_begin - 2),
-                          std::min(entry.reach.row_end, split.rest.row_end + 2),
-                          std::max(entry.reach.col_begin, split.rest.col_begin - 2),
-                          std::min(entry.reach.col_end, split.rest.col_end + 2)};
+          const Rect both{std::max(entry.reach.row_begin, rect.row_begin - 2),
+                          std::min(entry.reach.row_end, rect.row_end + 2),
+                          std::max(entry.reach.col_begin, rect.col_begin - 2),
+                          std::min(entry.reach.col_end, rect.col_end + 2)};
           double sum = 0;
           worker.around(sample, [&](const auto& surroundings) {
             for_each_lit(is_fine ? fine : coarse, worker.disc_of(sample), both, 2, sample.point_mm,
@@ -479,11 +448,11 @@ void Transport::add_rest(estimation::ImageView<const unsigned char> brightness,
                            sum += static_cast<double>(weight) * static_cast<double>(lit[index]);
                          });
             for (const SkinAround::Patch& patch : surroundings.near_patches())
-              sum += patch.weight * static_cast<double>(std::as_const(rest).at(
-                                        static_cast<int>(std::lround(patch.row_px)),
-                                        static_cast<int>(std::lround(patch.col_px))));
+              sum += patch.weight *
+                     static_cast<double>(rest.at(static_cast<int>(std::lround(patch.row_px)),
+                                                 static_cast<int>(std::lround(patch.col_px))));
           });
-          linear[to_size(sample.sample)] += static_cast<float>(sum);
+          reflected[i] += static_cast<float>(sum);
         }
       });
 }

@@ -11,19 +11,22 @@
 
 #include "estimation/base/image.h"
 #include "hw_sim/world/dipole.h"
+#include "hw_sim/world/lamp_response.h"
 #include "hw_sim/world/projector_light.h"
 
 namespace hw_sim {
 
 class ScatterTable;
 
-// A sample of the camera that sees the surface: one for mono and Bayer pixels, three for RGB.
+// A sample of the camera that sees the surface: one for mono and Bayer pixels, three for RGB, and
+// three each where the projector's colours mix.
 struct SeenSample {
   std::array<float, 3> point_mm{};
   std::array<float, 3> normal{};
   std::int32_t sample = 0;  // index into the frame's samples
   float cos_projector = 0;  // between normal and the direction to the projector
-  Scattering scattering;    // of its band
+  Scattering scattering;    // of its light's band
+  float share = 1;          // of the frame's sample: bands mix where the projector's colours do
 };
 
 // A projector picture taken apart into what varies along one axis alone and the rectangle where it
@@ -46,6 +49,7 @@ SplitPicture split_picture(estimation::ImageView<const unsigned char> brightness
 
 // What the optics do to the lines of light on their way to each sample.
 struct LineOptics {
+  LampResponse lamp;
   std::vector<float> blur_px;                  // [sample] of projector px; empty: none
   std::array<std::vector<float>, 2> shift_px;  // [axis][sample] that light arrives displaced by
 };
@@ -66,11 +70,11 @@ class Transport {
   bool load(std::istream& in, const std::vector<SeenSample>& samples, const ProjectorLight& light,
             const ScatterTable* table);
 
-  // Adds each sample's reflectance factor (irradiance not normalised) under a picture to
-  // `linear[sample]`. Runs in the caller's arena.
-  // Pictures of columns or rows pass through `optics`; others, and a sync square, as they are.
-  void add_light(estimation::ImageView<const unsigned char> brightness, const LineOptics& optics,
-                 std::vector<float>& linear) const;
+  // Each sample's reflectance factor (irradiance not normalised) under a picture. Runs in the
+  // caller's arena. Pictures of columns or rows pass through `optics`; others, and a sync square,
+  // through its gamma and its mean blur.
+  std::vector<float> reflected(estimation::ImageView<const unsigned char> brightness,
+                               const LineOptics& optics) const;
 
  private:
   struct Window {
@@ -89,11 +93,11 @@ class Transport {
   struct Worker;
 
   void add_line(std::size_t axis, const std::vector<unsigned char>& line,
-                std::vector<float>& linear) const;
+                std::vector<float>& reflected) const;
   void add_blurred_line(std::size_t axis, const std::vector<unsigned char>& line,
-                        const LineOptics& optics, std::vector<float>& linear) const;
+                        const LineOptics& optics, std::vector<float>& reflected) const;
   void add_rest(estimation::ImageView<const unsigned char> brightness, const SplitPicture& split,
-                std::vector<float>& linear) const;
+                const LineOptics& optics, std::vector<float>& reflected) const;
 
   const std::vector<SeenSample>* samples_ = nullptr;
   const ProjectorLight* light_ = nullptr;

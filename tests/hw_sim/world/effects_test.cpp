@@ -170,7 +170,7 @@ TEST(EffectsFile, EveryKeyIsReadAndAWrongOneIsNamed) {
   };
   EXPECT_THAT(error_of("[projector]\nblurr_px = 1"), HasSubstr("projector.blurr_px"));
   EXPECT_THAT(error_of("[projector]\nblurr_px = 1"), HasSubstr("projector.blur_px"));
-  EXPECT_THAT(error_of("[projector]\nblur_px = -1"), HasSubstr("0.000000 to 20"));
+  EXPECT_THAT(error_of("[projector]\nblur_px = -1"), HasSubstr("from 0 to 20"));
   EXPECT_THAT(error_of("[projector]\nblur_px = nan"), HasSubstr("blur_px"));
   EXPECT_THAT(error_of("[projector]\nblur_px = \"1\""), HasSubstr("blur_px"));
   EXPECT_THAT(error_of("[subject]\ndrift_mm_per_s = [1, 2]"), HasSubstr("[x, y, z]"));

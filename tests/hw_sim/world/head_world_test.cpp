@@ -35,6 +35,7 @@ SceneOptions scene(const std::string& name, bool has_indirect = false, int threa
   SceneOptions options;
   options.name = name;
   options.has_indirect = has_indirect;
+  options.has_identity = false;  // identity_block_test.cpp looks at it
   options.thread_count = threads;
   return options;
 }
