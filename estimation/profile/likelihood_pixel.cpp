@@ -85,7 +85,7 @@ struct Point {
 struct Demodulated {
   double mean = 0;
   std::complex<double> first{}, second{};
-  double first_variance = 0;  // of its real part, for samples of unit variance
+  double first_variance = 0;  // of its parts, for samples of unit variance
 };
 
 template <std::size_t N>
@@ -95,9 +95,10 @@ std::optional<Demodulated> demodulate(PixelModel& model, int second_harmonic) {
   SmallMatrix<N> normal{};
   std::array<double, N> right{};
   // The highest one first: it makes room for those below.
-  const std::array<std::span<const double>, 2> second = {model.turn_re(second_harmonic),
-                                                         model.turn_im(second_harmonic)};
-  const std::array<std::span<const double>, 2> first = {model.turn_re(1), model.turn_im(1)};
+  model.cosines(second_harmonic);
+  const std::array<std::span<const double>, 2> first = {model.cosines(1), model.sines(1)};
+  const std::array<std::span<const double>, 2> second = {model.cosines(second_harmonic),
+                                                         model.sines(second_harmonic)};
   for (std::size_t sample = 0; sample < count; ++sample) {
     std::array<double, N> row{};
     row[0] = 1;
@@ -112,10 +113,13 @@ std::optional<Demodulated> demodulate(PixelModel& model, int second_harmonic) {
   const auto root = scaled_cholesky(normal);
   if (!root) return std::nullopt;
   const std::array<double, N> x = root->solve(right);
-  std::array<double, N> unit{};
-  unit[1] = 1;
-  Demodulated data{.mean = x[0], .first = {x[1], -x[2]}, .first_variance = root->solve(unit)[1]};
-  if constexpr (N == 5) data.second = {x[3], -x[4]};
+  std::array<double, N> re{}, im{};
+  re[1] = im[2] = 1;
+  const auto back = [&](int n) { return std::polar(1.0, -n * model.origin_rad()); };
+  Demodulated data{.mean = x[0],
+                   .first = std::complex(x[1], x[2]) * back(1),
+                   .first_variance = 0.5 * (root->solve(re)[1] + root->solve(im)[2])};
+  if constexpr (N == 5) data.second = std::complex(x[3], x[4]) * back(second_harmonic);
   return data;
 }
 

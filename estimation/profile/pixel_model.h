@@ -10,6 +10,7 @@
 
 #include "estimation/profile/likelihood.h"
 #include "estimation/profile/sample_space.h"
+#include "estimation/profile/shape_harmonics.h"
 
 namespace estimation {
 
@@ -26,29 +27,31 @@ class PixelModel {
   enum class Binding { kReady, kNoLight, kAbsurd };
 
   // Takes over those of the pixel's samples that are not NaN; all of them if the batch has no
-  // samples. kNoLight: full_signal is not positive; kAbsurd: something is not finite.
+  // samples. kNoLight: full_signal is not positive; kAbsurd: something is not finite, or huge.
   Binding bind(const FitProblem& problem, const PixelBatch& batch, std::size_t pixel);
 
   std::size_t sample_count() const { return reflectance_.size(); }
   std::size_t lost_count() const { return problem_->shifts_px.size() - sample_count(); }
   // [sample] the reflectance factors measured.
   std::span<const double> reflectance() const { return reflectance_; }
-  // [sample] exp(i n angle) of harmonic n at phase 0.
-  std::span<const double> turn_re(int n);
-  std::span<const double> turn_im(int n);
+  // [sample] cosine and sine of n times a sample's own angle, 2 pi / P times its shift: harmonic
+  // n = Re[G exp(-i n angle)], G = a_n twice_factor(n) exp(i n origin_rad).
+  std::span<const double> cosines(int n);
+  std::span<const double> sines(int n);
+  // Where the pixel lies in the period, at phase 0.
+  double origin_rad() const { return origin_rad_; }
   // f_0 (d + b): what R_d + B is multiplied with in every sample.
   double level() const { return level_; }
   // 2 f_n; 0 beyond the batch's factors.
   std::complex<double> twice_factor(int n) const;
   double wave_per_px() const { return wave_per_px_; }
-  // Variance of a sample's reflectance factor where the model expects this much of it.
+  // Variance of a sample's reflectance factor where the model expects this much of it: that of
+  // variance_at.
   double variance(double reflectance) const;
 
-  enum class Harmonics { kOfTable, kAll };
+  using Harmonics = ShapeHarmonics::Extent;
 
-  // False where the model has no value. From the table where that holds the point, and holds all
-  // harmonics that matter unless kOfTable does without; those below `tolerance` of reflectance are
-  // left out.
+  // False where the model has no value. Harmonics as by ShapeHarmonics::evaluate.
   bool evaluate(ShapePoint shape, double phase_px, double tolerance, Harmonics harmonics,
                 ModelSamples& out);
   // 1/2 tr(H C) of each sample, H its second derivatives by t, lambda and phase there, C their
@@ -59,29 +62,45 @@ class PixelModel {
   // Numbers that the problem lets a fit compare: all samples, or the harmonics that it asks for.
   void choose_space(SampleSpace& space);
   // Whether the table lacked harmonics at the last point.
-  bool is_cut_off() const { return is_cut_off_; }
+  bool is_cut_off() const { return harmonics_.is_cut_off(); }
 
  private:
-  bool from_table(ShapePoint shape, double tolerance, Harmonics harmonics);
-  bool from_model(ShapePoint shape, double tolerance);
-  bool append_from_model(ShapePoint shape, int count);
-  void curvature_between_nodes(ShapePoint shape);
-  bool curvature_from_model(ShapePoint shape, double tolerance);
+  // An entry of the problem's noise, for reflectance factors.
+  struct Noise {
+    double read_variance = 0, shot = 0;
+    double end = 0, per_width = 0;
+  };
+  // Real and imaginary part of G, of the value and its derivatives.
+  enum Part { kValueRe, kValueIm, kLogitRe, kLogitIm, kLogRe, kLogIm, kPhaseRe, kPhaseIm, kParts };
+  using Bin = std::array<double, kParts>;
+
+  void set_noise();
+  void set_waves_of_shifts();
   int most_harmonics() const;
-  void grow_turns(int harmonic_count);
-  void add_harmonic(int n, double phase_px, ModelSamples& out);
+  // Where harmonic n goes, and the sign of its imaginary part there.
+  struct Fold {
+    std::size_t bin;
+    double sign;
+  };
+  Fold fold_of(int n) const;
+  void grow_waves(std::size_t bin_count);
+  void fold_harmonics(double phase_px);
 
   const FitProblem* problem_ = nullptr;
   const PixelBatch* batch_ = nullptr;
   std::size_t pixel_ = 0;
-  double full_signal_ = 0, level_ = 0, wave_per_px_ = 0, duty_ = 0;
+  double full_signal_ = 0, level_ = 0, wave_per_px_ = 0, duty_ = 0, origin_rad_ = 0;
+  std::vector<Noise> noise_;
   std::vector<double> reflectance_;
-  std::vector<double> turn_re_, turn_im_;  // [n - 1][sample]
-  bool is_cut_off_ = false;
-  int turn_count_ = 0;                                   // harmonics that the turns hold
-  std::vector<double> value_, by_logit_, by_log_;        // [n - 1] a_n and derivatives
-  std::vector<double> by_logit_2_, by_both_, by_log_2_;  // [n - 1] second derivatives
-  std::vector<double> waves_, plain_, lower_, upper_;
+  // Whole shifts share their waves: harmonics n and n + P look alike there.
+  bool is_folded_ = false;
+  std::vector<int> shifts_px_, shifts_of_waves_px_;  // [sample]
+  std::vector<double> angles_rad_;                   // [sample] where shifts are not whole
+  std::size_t wave_count_ = 0;                       // bins that the waves hold
+  std::vector<double> cosine_, sine_;                // [bin][sample]
+  std::vector<double> period_cosine_, period_sine_;  // [px]
+  std::vector<Bin> bins_;
+  ShapeHarmonics harmonics_;
 };
 
 }  // namespace estimation
