@@ -1,5 +1,6 @@
 #include "capture/capture_job.h"
 
+#include <memory>
 #include <optional>
 #include <utility>
 
@@ -21,13 +22,13 @@ CaptureResult refusal(ExitCode exit_code, std::string message) {
   return result;
 }
 
-// Both that want the frames, fed from one place.
+// Both that want the frames, fed from one place; `estimate` is null where nobody wants maps.
 class FrameFork final : public FrameConsumer {
  public:
-  FrameFork(SessionWriter& writer, LiveEstimate& estimate) : writer_(writer), estimate_(estimate) {}
+  FrameFork(SessionWriter& writer, LiveEstimate* estimate) : writer_(writer), estimate_(estimate) {}
   void consume(const CapturedFrame& frame) override {
     writer_.write(frame);
-    estimate_.add(frame);
+    if (estimate_ != nullptr) estimate_->add(frame);
   }
   std::optional<std::string> failure() const override {
     const auto fault = writer_.fault();
@@ -36,7 +37,7 @@ class FrameFork final : public FrameConsumer {
 
  private:
   SessionWriter& writer_;
-  LiveEstimate& estimate_;
+  LiveEstimate* estimate_;
 };
 
 SessionState state_of(Outcome outcome) {
@@ -133,7 +134,8 @@ tl::expected<CaptureJob, CaptureResult> CaptureJob::prepare(const rig::RigFile& 
                                                             const CaptureOptions& options) {
   if (const auto valid = options.estimator.validate(); !valid)
     return tl::unexpected(refusal(ExitCode::kUsage, valid.error().text()));
-  auto plan = make_plan(options.plan, rig_file.projector, rig_file.sequence);
+  auto plan = options.own_plan ? rig::Result<Plan>(*options.own_plan)
+                               : make_plan(options.plan, rig_file.projector, rig_file.sequence);
   if (!plan) return tl::unexpected(refusal(ExitCode::kUsage, plan.error().detail));
   auto manifest = plan_manifest(rig_file, *plan, {options.subject, options.created});
   if (!manifest) return tl::unexpected(refusal(ExitCode::kUsage, manifest.error().text()));
@@ -149,27 +151,32 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
   CaptureResult result;
   result.session = (*writer)->folder();
   const estimation::Manifest manifest = (*writer)->manifest();
-  auto estimate = LiveEstimate::start(manifest, result.session, options_.estimator);
-  if (!estimate) {
-    result.message = estimate.error().text();
-    result.exit_code = ExitCode::kUsage;
-    // Told above; the manifest's own fate does not change it.
-    std::ignore = (*writer)->finish(SessionState::kFailed,
-                                    estimation::SessionFailure{"estimator", {}, result.message});
-    return result;
+  std::unique_ptr<LiveEstimate> estimate;
+  if (options_.product == CaptureProduct::kMaps) {
+    auto started = LiveEstimate::start(manifest, result.session, options_.estimator);
+    if (!started) {
+      result.message = started.error().text();
+      result.exit_code = ExitCode::kUsage;
+      // Told above; the manifest's own fate does not change it.
+      std::ignore = (*writer)->finish(SessionState::kFailed,
+                                      estimation::SessionFailure{"estimator", {}, result.message});
+      return result;
+    }
+    estimate = *std::move(started);
   }
 
-  FrameFork fork(**writer, **estimate);
+  FrameFork fork(**writer, estimate.get());
   ProgressTeller teller(plan_.slot_count(), on_progress);
   const rig::HostTime start = devices.events.now();
   const double refresh_hz = devices.projector.report().measured_refresh_hz;
-  const RunResult run =
-      run_capture(devices, plan_, rig_file_.projector, make_rules(rig_file_, refresh_hz), fork,
-                  stop, [&](const Transition& transition) {
-                    if (is_worth_noting(transition))
-                      (*writer)->journal(journal_line(transition, start));
-                    teller.tell(transition.state);
-                  });
+  SequenceRules rules = make_rules(rig_file_, refresh_hz);
+  rules.ledger.exposures = plan_.exposures;
+  const RunResult run = run_capture(devices, plan_, rig_file_.projector, rules, fork, stop,
+                                    [&](const Transition& transition) {
+                                      if (is_worth_noting(transition))
+                                        (*writer)->journal(journal_line(transition, start));
+                                      teller.tell(transition.state);
+                                    });
   result.state = state_of(run.outcome);
   result.exit_code = exit_code_of(run);
   result.message = summary(run);
@@ -179,10 +186,10 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
     result.exit_code = ExitCode::kStorage;
     result.message = stored.error().text();
   }
-  if (result.state != SessionState::kComplete) return result;
+  if (result.state != SessionState::kComplete || !estimate) return result;
 
   teller.tell_estimating();
-  const auto estimated = (*estimate)->finish();
+  const auto estimated = estimate->finish();
   if (!estimated) {
     result.exit_code = ExitCode::kFailed;
     result.message += "; no maps: " + estimated.error().text();

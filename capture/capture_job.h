@@ -5,6 +5,7 @@
 #include <chrono>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -18,8 +19,13 @@
 
 namespace capture {
 
+// What a capture is to leave behind; frames alone where they are for calibration.
+enum class CaptureProduct { kMaps, kFramesAlone };
+
 struct CaptureOptions {
   std::string plan = "paper";
+  std::optional<Plan> own_plan = std::nullopt;  // in place of the plan of that name
+  CaptureProduct product = CaptureProduct::kMaps;
   std::string subject;
   std::filesystem::path directory = "sessions";
   std::chrono::system_clock::time_point created;  // names the session

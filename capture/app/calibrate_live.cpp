@@ -1,65 +1,19 @@
-// ssrig calibrate geometry without --sessions: poses captured one after the other, with guidance.
-#include <poll.h>
-#include <unistd.h>
-
-#include <array>
-#include <chrono>
+// ssrig calibrate without sessions: captured one after the other at the rig, with guidance.
 #include <cstdio>
-#include <optional>
 #include <string>
-#include <thread>
+#include <vector>
 
 #include "capture/app/calibrate_command.h"
 #include "capture/app/console.h"
-#include "capture/app/interrupts.h"
-#include "capture/app/open_rig.h"
-#include "capture/capture_job.h"
-#include "estimation/calibration/calibration_file.h"
+#include "capture/app/live_rig.h"
+#include "capture/calibrate/calibration_plans.h"
+#include "capture/calibrate/radiometry_steps.h"
 
 namespace capture {
 namespace {
 
-namespace fs = std::filesystem;
-
 // A pose less than this is worth is worth nobody's time.
 constexpr double kSmallGainFrac = 0.05;
-
-// A rig without a calibration yet: sessions must carry one, so they get the devices' sizes with
-// lenses of a usual length.
-std::optional<fs::path> nominal_calibration(const rig::RigFile& rig_file) {
-  const auto lens = [](int width_px, int height_px) {
-    estimation::Lens nominal;
-    nominal.K = estimation::Mat3(2.0 * width_px, 0, (width_px - 1) / 2.0, 0, 2.0 * width_px,
-                                 (height_px - 1) / 2.0, 0, 0, 1);
-    return nominal;
-  };
-  estimation::Calibration calibration;
-  calibration.camera = lens(rig_file.camera.width_px, rig_file.camera.height_px);
-  calibration.projector = lens(rig_file.projector.width_px, rig_file.projector.height_px);
-  const auto text = estimation::format_calibration(
-      "", calibration,
-      {estimation::CalibrationPart::kGeometry, R"({"note": "nominal, before any calibration"})"});
-  const fs::path path = rig_file.storage.directory / "nominal_calibration.json";
-  if (!text || !estimation::save_text(path, *text)) return std::nullopt;
-  return path;
-}
-
-enum class Answer { kGo, kEnough, kAborted };
-
-// A line on standard input: empty goes on, anything else ends; as its end does.
-Answer ask(const std::stop_token& stop) {
-  std::string line;
-  while (!stop.stop_requested()) {
-    pollfd input{STDIN_FILENO, POLLIN, 0};
-    constexpr int kPatienceMs = 200;
-    if (::poll(&input, 1, kPatienceMs) <= 0) continue;
-    char c = 0;
-    if (::read(STDIN_FILENO, &c, 1) != 1) return Answer::kEnough;
-    if (c == '\n') return line.empty() ? Answer::kGo : Answer::kEnough;
-    line += c;
-  }
-  return Answer::kAborted;
-}
 
 void tell(const GeometryJob& job) {
   if (const auto& fit = job.fit())
@@ -76,75 +30,73 @@ void tell(const GeometryJob& job) {
                job.pose_count() + 1, advice.c_str());
 }
 
-// One pose: a capture like any other, whose maps nobody needs. kDone also where the pose was no
-// good: the next one may be.
-ExitCode capture_pose(const rig::RigFile& rig_file, Devices devices, const std::stop_token& stop,
-                      GeometryJob& job) {
-  CaptureOptions options;
-  options.subject = "calibration-pose";
-  options.directory = rig_file.storage.directory;
-  options.created = std::chrono::system_clock::now();
-  options.estimator.is_geometry_only = true;
-  const auto prepared = CaptureJob::prepare(rig_file, options);
-  if (!prepared) {
-    complain(prepared.error().message);
-    return prepared.error().exit_code;
-  }
-  CaptureResult result;
-  {
-    ProgressLine line;
-    result = prepared->run(devices, stop, [&line](const CaptureProgress& progress) {
-      line.show(progress.text + ", " + std::to_string(progress.slots_filled) + " of " +
-                std::to_string(progress.slots_total));
-    });
-  }
-  if (result.state != estimation::SessionState::kComplete) {
-    complain(result.message);
-    return result.exit_code == ExitCode::kIncomplete ? ExitCode::kDone : result.exit_code;
-  }
+ExitCode capture_pose(LiveRig& rig, GeometryJob& job) {
+  const CaptureResult result = rig.capture("calibration-pose", board_plan(rig.rig_file()));
+  if (result.state != estimation::SessionState::kComplete) return judge_incomplete(result);
   if (const auto added = job.add_session(result.session); !added)
     complain("left out: " + added.error().text());
   job.update();
   return ExitCode::kDone;
 }
 
-ExitCode capture_while_asked(const rig::RigFile& rig_file, OpenRig& rig,
-                             const std::stop_token& stop, GeometryJob& job) {
+ExitCode capture_poses_at(LiveRig& rig, GeometryJob& job) {
   for (;;) {
     tell(job);
-    const Answer answer = ask(stop);
+    const Answer answer = rig.ask();
     if (answer == Answer::kAborted) return ExitCode::kAborted;
-    if (answer == Answer::kEnough) return ExitCode::kDone;
-    const ExitCode captured = capture_pose(rig_file, rig.devices(), stop, job);
+    if (answer != Answer::kGo) return ExitCode::kDone;
+    const ExitCode captured = capture_pose(rig, job);
     if (captured != ExitCode::kDone) return captured;
   }
 }
 
+// True where the step is done with: captured and good, kDone in `exit_code`.
+bool capture_step(LiveRig& rig, const RadiometryStep& step, const estimation::Calibration& geometry,
+                  RadiometryInputs& inputs, ExitCode& exit_code) {
+  const CaptureResult result = rig.capture(step.subject, step.plan);
+  if (result.state != estimation::SessionState::kComplete) {
+    exit_code = judge_incomplete(result);
+    return exit_code != ExitCode::kDone;
+  }
+  const auto checked = check_step(step, result.session, inputs, geometry);
+  if (!checked) {
+    complain("this will not do: " + checked.error().text());
+    return false;
+  }
+  for (const std::string& warning : *checked)
+    std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  (inputs.*step.sessions).push_back(result.session.string());
+  return true;
+}
+
+ExitCode capture_series_at(LiveRig& rig, const estimation::Calibration& geometry,
+                           RadiometryInputs& inputs) {
+  const std::vector<RadiometryStep> steps = radiometry_steps(rig.rig_file());
+  for (std::size_t i = 0; i < steps.size();) {
+    std::fprintf(stderr,
+                 "step %zu of %zu: %s.\nPress Enter to capture it, type s and Enter to leave it "
+                 "out, or q and Enter to finish.\n",
+                 i + 1, steps.size(), steps[i].words.c_str());
+    const Answer answer = rig.ask();
+    if (answer == Answer::kAborted) return ExitCode::kAborted;
+    if (answer == Answer::kEnough) return ExitCode::kDone;
+    ExitCode exit_code = ExitCode::kDone;
+    if (answer == Answer::kSkip || capture_step(rig, steps[i], geometry, inputs, exit_code)) ++i;
+    if (exit_code != ExitCode::kDone) return exit_code;
+  }
+  return ExitCode::kDone;
+}
+
 }  // namespace
 
-ExitCode capture_poses(rig::RigFile rig_file, GeometryJob& job) {
-  const Interrupts interrupts;
-  std::error_code unknown;  // then the capture says why
-  if (!fs::exists(rig_file.calibration_file, unknown))
-    if (const auto nominal = nominal_calibration(rig_file)) rig_file.calibration_file = *nominal;
-  std::vector<std::string> problems;
-  const auto rig = OpenRig::open(rig_file, problems);
-  if (!rig) {
-    for (const std::string& problem : problems) complain(problem);
-    return ExitCode::kDevice;
-  }
-  ExitCode exit_code = ExitCode::kFailed;
-  std::stop_source is_over;
-  {
-    // The main thread serves the window while a thread of its own runs the poses.
-    const std::jthread session([&] {
-      exit_code = capture_while_asked(rig_file, *rig, interrupts.stop(), job);
-      is_over.request_stop();
-    });
-    if (const auto served = rig->projector().run(is_over.get_token()); !served)
-      complain("projector: " + served.error().detail);
-  }
-  return exit_code;
+ExitCode capture_poses(const rig::RigFile& rig_file, GeometryJob& job) {
+  return LiveRig::run(rig_file, [&job](LiveRig& rig) { return capture_poses_at(rig, job); });
+}
+
+ExitCode capture_series(const rig::RigFile& rig_file, const estimation::Calibration& geometry,
+                        RadiometryInputs& inputs) {
+  return LiveRig::run(rig_file,
+                      [&](LiveRig& rig) { return capture_series_at(rig, geometry, inputs); });
 }
 
 }  // namespace capture

@@ -1,4 +1,4 @@
-// ssrig calibrate radiometry: sensor, light, standard and optics from captured sessions.
+// ssrig calibrate radiometry: sensor, light, standard and optics, live or from sessions.
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
@@ -31,6 +31,11 @@ ExitCode refuse(const estimation::InputError& error) {
   return exit_code_of(error);
 }
 
+bool is_empty(const RadiometryInputs& inputs) {
+  return inputs.series.empty() && inputs.standard.empty() && inputs.opaque.empty() &&
+         inputs.chart.empty();
+}
+
 ExitCode calibrate_radiometry(RadiometryArguments arguments) {
   const auto rig_file = rig::read_rig_file(arguments.rig_file);
   if (!rig_file) {
@@ -38,11 +43,6 @@ ExitCode calibrate_radiometry(RadiometryArguments arguments) {
     return ExitCode::kUsage;
   }
   RadiometryInputs& inputs = arguments.inputs;
-  if (inputs.series.empty() && inputs.standard.empty() && inputs.opaque.empty() &&
-      inputs.chart.empty()) {
-    complain("nothing to measure; name sessions by --series, --standard, --opaque or --chart");
-    return ExitCode::kUsage;
-  }
   for (std::size_t band = 0; band < 3; ++band)
     inputs.reflectance[band] =
         arguments.reflectance[std::min(band, arguments.reflectance.size() - 1)];
@@ -57,6 +57,14 @@ ExitCode calibrate_radiometry(RadiometryArguments arguments) {
   if (!geometry) {
     complain(geometry.error().text() + "; calibrate the geometry first");
     return ExitCode::kUsage;
+  }
+  if (is_empty(inputs)) {
+    const ExitCode captured = capture_series(*rig_file, *geometry, inputs);
+    if (captured != ExitCode::kDone) return captured;
+    if (is_empty(inputs)) {
+      complain("nothing was captured that could be measured; the calibration is as it was");
+      return ExitCode::kFailed;
+    }
   }
   const auto job = RadiometryJob::run(inputs, *geometry);
   if (!job) return refuse(job.error());
@@ -82,7 +90,9 @@ ExitCode calibrate_radiometry(RadiometryArguments arguments) {
 void add_calibrate_radiometry_command(CLI::App& calibrate, const Select& select) {
   auto arguments = std::make_shared<RadiometryArguments>();  // shared: CLI11 copies callbacks
   CLI::App* command = calibrate.add_subcommand(
-      "radiometry", "sensor, light, reflectance standard and optics from captured sessions");
+      "radiometry",
+      "sensor, light, reflectance standard and optics: captured live step by step, or from the "
+      "sessions named");
   RadiometryInputs& inputs = arguments->inputs;
   command->add_option("--rig", arguments->rig_file, "the rig file")->required();
   command->add_option("--dark", inputs.dark, "sessions whose frames are all dark (lens capped)");

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <set>
 #include <utility>
 
 #include "capture/calibrate/session_signals.h"
@@ -18,6 +20,11 @@ using estimation::SensorFit;
 
 namespace {
 
+// Beyond these a dark frame is not dark. A warm sensor's dark current is some electrons a second.
+constexpr double kBrightAreaDn = 8;       // between the 95th and the 5th percentile of 8 x 8 means
+constexpr double kDarkGrowthFrac = 0.01;  // of the range, from the shortest exposure to the longest
+// A frame is clipped where more than this share of its samples is.
+constexpr double kClippedFrac = 0.001;
 // A pixel is of the lit field above this share of the brightest ones.
 constexpr double kLitFrac = 0.3;
 
@@ -34,6 +41,20 @@ std::optional<double> even_drive(const estimation::PatternKind& kind,
   constexpr double kEvenFrac = 0.004;  // one of 256 levels
   if (!is_wide || std::abs(last - first) > kEvenFrac) return std::nullopt;
   return (first + last) / 2;
+}
+
+// Means of squares of 8 x 8 samples: noise is gone, light is not.
+std::vector<double> area_means(const estimation::Image<std::uint16_t>& dn) {
+  constexpr int kSide = 8;
+  std::vector<double> means;
+  for (int row = 0; row + kSide <= dn.height_px(); row += kSide)
+    for (int col = 0; col + kSide <= dn.width_px(); col += kSide) {
+      double sum = 0;
+      for (int i = 0; i < kSide * kSide; ++i) sum += dn.at(row + i / kSide, col + i % kSide);
+      means.push_back(sum / (kSide * kSide));
+    }
+  std::ranges::sort(means);
+  return means;
 }
 
 struct Difference {
@@ -99,6 +120,7 @@ Result<void> SensorSeries::read(const std::filesystem::path& session, const Mani
 Result<void> SensorSeries::add_dark(const std::filesystem::path& session) {
   const auto manifest = estimation::read_manifest(session);
   if (!manifest) return tl::unexpected(manifest.error());
+  saturation_dn_ = saturation_of(*manifest);
   for (const estimation::FrameRecord& record : manifest->frames)
     if (const auto added = read(session, *manifest, record.file, record.exposure_us, std::nullopt);
         !added)
@@ -126,10 +148,58 @@ Result<void> SensorSeries::add_lit(const std::filesystem::path& session) {
   return {};
 }
 
+Result<void> SensorSeries::check_dark() const {
+  const auto light = [](const std::string& what) {
+    return tl::unexpected(
+        InputError{InputFault::kInsufficient, "", "",
+                   "the frames are not dark: " + what + "; cap the lens and darken the room"});
+  };
+  const Frame *shortest = nullptr, *longest = nullptr;
+  for (const Frame& frame : frames_) {
+    if (frame.drive_frac) continue;
+    if (!shortest || frame.exposure_us < shortest->exposure_us) shortest = &frame;
+    if (!longest || frame.exposure_us > longest->exposure_us) longest = &frame;
+  }
+  if (!longest) return light("there is none");
+  const std::vector<double> least = area_means(shortest->dn), most = area_means(longest->dn);
+  if (most.empty()) return {};  // a few pixels tell nothing
+  const double step_dn = most[most.size() * 19 / 20] - most[most.size() / 20];
+  if (step_dn > kBrightAreaDn)
+    return light("areas differ by " + std::to_string(std::lround(step_dn)) + " DN");
+  const double growth_dn = most[most.size() / 2] - least[least.size() / 2];
+  if (growth_dn > kDarkGrowthFrac * saturation_dn_)
+    return light("the longest exposure is " + std::to_string(std::lround(growth_dn)) +
+                 " DN above the shortest");
+  return {};
+}
+
+// The more exposures are unclipped the more is known of the sensor; of equals the brightest.
+double SensorSeries::fullest_drive() const {
+  std::map<double, std::set<double>> exposures_us;  // by drive
+  for (const Frame& frame : frames_) {
+    if (!frame.drive_frac || *frame.drive_frac == 0) continue;
+    const auto samples = frame.dn.samples();
+    const auto clipped =
+        std::ranges::count_if(samples, [this](std::uint16_t dn) { return dn >= saturation_dn_; });
+    auto& unclipped = exposures_us[*frame.drive_frac];
+    if (static_cast<double>(clipped) <= kClippedFrac * static_cast<double>(samples.size()))
+      unclipped.insert(frame.exposure_us);
+  }
+  double drive = 1;
+  std::size_t most = 0;
+  for (const auto& [each, unclipped] : exposures_us)
+    if (unclipped.size() >= most) {
+      drive = each;
+      most = unclipped.size();
+    }
+  return drive;
+}
+
 std::vector<estimation::SeriesFrame> SensorSeries::frames() const {
   std::vector<estimation::SeriesFrame> frames;
+  const double drive = fullest_drive();
   for (const Frame& frame : frames_)
-    if (!frame.drive_frac || *frame.drive_frac == 1)
+    if (!frame.drive_frac || *frame.drive_frac == drive)
       frames.push_back({frame.exposure_us, !frame.drive_frac, frame.dn.view()});
   return frames;
 }

@@ -24,7 +24,12 @@ class SensorSeries {
   // manifest's own dark frames are taken too. Others are left alone.
   estimation::Result<void> add_lit(const std::filesystem::path& session);
 
-  // What fit_sensor() wants: dark frames and those under white.
+  // Are the dark frames dark: none has bright areas, and none is brighter for a longer exposure
+  // than a warm sensor makes it. Errors: kInsufficient, what they see.
+  estimation::Result<void> check_dark() const;
+
+  // What fit_sensor() wants: dark frames, and those of the even picture (white or a grey) that most
+  // exposures have unclipped.
   std::vector<estimation::SeriesFrame> frames() const;
   // Repeats in the order of the manifest, two by two, with the noise that `sensor` expects.
   std::vector<estimation::LightPair> pairs(const estimation::SensorFit& sensor) const;
@@ -43,6 +48,7 @@ class SensorSeries {
                                 double exposure_us, std::optional<double> drive_frac);
 
   std::vector<char> lit_field(double black_dn) const;  // [sample]
+  double fullest_drive() const;
 
   std::deque<Frame> frames_;
   std::optional<estimation::CameraInfo> camera_;

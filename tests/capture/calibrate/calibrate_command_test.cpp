@@ -46,10 +46,17 @@ class CalibrateCommand : public ::testing::Test {
   const fs::path& folder_ = scratch_.path();
 };
 
-TEST_F(CalibrateCommand, NothingToMeasureIsAMistakeOfUsage) {
-  const Ran ran = run("calibrate radiometry " + rig());
-  EXPECT_EQ(ran.exit_code, 2) << ran.text;
-  EXPECT_THAT(ran.text, HasSubstr("--standard"));
+TEST_F(CalibrateCommand, WithoutSessionsTheRigIsOpened) {
+  const auto text = estimation::format_calibration(
+      "", synthetic::make_rig(196, 144, false).calibration,
+      {estimation::CalibrationPart::kGeometry, R"({"date": "monday"})"});
+  ASSERT_TRUE(text);
+  ASSERT_TRUE(estimation::save_text(calibration(), *text));
+  for (const char* part : {"radiometry ", "geometry --board checkerboard 8x10 18 "}) {
+    const Ran ran = run(std::string("calibrate ") + part + rig() + " < /dev/null");
+    EXPECT_EQ(ran.exit_code, 3) << ran.text;  // nothing answers here
+    EXPECT_THAT(ran.text, HasSubstr("no camera answers"));
+  }
 }
 
 TEST_F(CalibrateCommand, ABoardThatIsNoneIsAMistakeOfUsage) {
