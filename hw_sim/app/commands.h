@@ -15,7 +15,7 @@ struct RunOptions {
   std::string scene = "face_female";
   bool has_indirect = true;
   std::filesystem::path effects_file;  // empty: perfect optics, nobody moves
-  bool is_dipole = false;  // the paper's model in place of Monte Carlo
+  bool is_dipole = false;              // the paper's model in place of Monte Carlo
   std::uint64_t seed = 1;
   std::vector<std::string> command;
 };
@@ -23,6 +23,17 @@ struct RunOptions {
 // Starts the virtual rig, runs the command against it, writes the truth beside the sessions that
 // it made. The command's exit code, if it comes to that.
 int run_command(const RunOptions& options);
+
+struct PictureOptions {
+  std::filesystem::path rig_file;
+  std::vector<std::string> scenes;
+  std::filesystem::path out;
+  std::filesystem::path effects_file;  // empty: perfect optics
+  bool is_dipole = false;
+};
+
+// Writes each scene under white light and under one stripe pattern as PNG files.
+int picture_command(const PictureOptions& options);
 
 struct JudgeOptions {
   std::filesystem::path session;

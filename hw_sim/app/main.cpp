@@ -32,8 +32,7 @@ void add_run(CLI::App& app, hw_sim::RunOptions& options, RunWords& words) {
                   "How light scatters in skin: monte_carlo, or the paper's dipole")
       ->check(CLI::IsMember({"monte_carlo", "dipole"}))
       ->capture_default_str();
-  run->add_option("--indirect", words.indirect,
-                  "One bounce of light between parts of the face: on, off")
+  run->add_option("--indirect", words.indirect, "Light between parts of the scene: on, off")
       ->check(CLI::IsMember({"on", "off"}))
       ->capture_default_str();
   run->add_option("--effects", options.effects_file,
@@ -41,6 +40,21 @@ void add_run(CLI::App& app, hw_sim::RunOptions& options, RunWords& words) {
   run->add_option("--seed", options.seed, "Of the sensor's noise")->capture_default_str();
   run->add_option("COMMAND", options.command, "After --: the command and its arguments")
       ->required();
+}
+
+void add_picture(CLI::App& app, hw_sim::PictureOptions& options, std::string& scattering) {
+  CLI::App* picture = app.add_subcommand(
+      "picture", "Write scenes under white light and under one stripe pattern as PNG files");
+  picture->add_option("--rig", options.rig_file, "Rig file of the rig to simulate")->required();
+  picture->add_option("--out", options.out, "Folder of the pictures")->required();
+  options.scenes = hw_sim::scene_names();
+  picture->add_option("--scene", options.scenes, "Which; by default all")
+      ->check(CLI::IsMember(hw_sim::scene_names()));
+  picture->add_option("--scattering", scattering, "How light scatters in skin")
+      ->check(CLI::IsMember({"monte_carlo", "dipole"}))
+      ->capture_default_str();
+  picture->add_option("--effects", options.effects_file,
+                      "TOML file of what optics, room and subject do");
 }
 
 void add_judge(CLI::App& app, hw_sim::JudgeOptions& options) {
@@ -62,6 +76,9 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape): CLI11's
   hw_sim::JudgeOptions judge;
   add_run(app, run, words);
   add_judge(app, judge);
+  hw_sim::PictureOptions picture;
+  std::string picture_scattering = "monte_carlo";
+  add_picture(app, picture, picture_scattering);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {  // also --help
@@ -69,5 +86,7 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape): CLI11's
   }
   run.has_indirect = words.indirect == "on";
   run.is_dipole = words.scattering == "dipole";
+  picture.is_dipole = picture_scattering == "dipole";
+  if (app.got_subcommand("picture")) return hw_sim::picture_command(picture);
   return app.got_subcommand("run") ? hw_sim::run_command(run) : hw_sim::judge_command(judge);
 }

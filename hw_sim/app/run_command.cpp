@@ -1,17 +1,12 @@
 #include <poll.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <functional>
-#include <iterator>
 #include <map>
 #include <memory>
 #include <string>
-#include <system_error>
 #include <utility>
 
 #include "estimation/session/manifest.h"
@@ -19,10 +14,12 @@
 #include "hw_sim/app/interrupts.h"
 #include "hw_sim/app/scratch_folder.h"
 #include "hw_sim/app/session_watch.h"
+#include "hw_sim/app/show_progress.h"
 #include "hw_sim/app/virtual_rig.h"
 #include "hw_sim/display/child_process.h"
 #include "hw_sim/world/board_world.h"
 #include "hw_sim/world/head_world.h"
+#include "hw_sim/world/simulated_rig.h"
 #include "rig/rig_file.h"
 
 namespace hw_sim {
@@ -31,49 +28,6 @@ namespace {
 int complain(const rig::Error& error) {
   std::fprintf(stderr, "ssrig-sim: %s\n", error.detail.c_str());
   return error.fault == rig::Fault::kConfiguration ? kExitUsage : kExitDevice;
-}
-
-// The rig file's camera and projector in the terms of a session.
-rig::Result<estimation::CameraInfo> camera_info(const rig::RigFile& rig) {
-  const auto format = estimation::parse_pixel_format(rig.camera.pixel_format);
-  if (!format)
-    return rig::failure(rig::Fault::kConfiguration,
-                        rig.path.string() + ": pixel_format " + rig.camera.pixel_format +
-                            " cannot be simulated; use Mono8, BayerRG12 or the like");
-  estimation::CameraInfo camera;
-  camera.width_px = rig.camera.width_px;
-  camera.height_px = rig.camera.height_px;
-  camera.roi_x_px = rig.camera.offset_x_px;
-  camera.roi_y_px = rig.camera.offset_y_px;
-  camera.pixel_format = *format;
-  camera.black_level_dn = rig.sensor.black_level_dn;
-  camera.saturation_level_dn = rig.sensor.saturation_level_dn;
-  camera.gain_e_per_dn = rig.sensor.gain_e_per_dn;
-  camera.read_noise_e = rig.sensor.read_noise_e;
-  return camera;
-}
-
-rig::Result<estimation::Calibration> read_calibration(const rig::RigFile& rig) {
-  if (rig.calibration_file.empty())
-    return rig::failure(rig::Fault::kConfiguration,
-                        rig.path.string() + ": a simulated rig needs a calibration file");
-  std::ifstream file(rig.calibration_file);
-  std::error_code unknown;  // then reading says why
-  if (!file || std::filesystem::is_directory(rig.calibration_file, unknown))  // it would throw
-    return rig::failure(rig::Fault::kConfiguration,
-                        "cannot read calibration file " + rig.calibration_file.string() +
-                            "; correct [calibration] file in the rig file");
-  const std::string text{std::istreambuf_iterator<char>(file), {}};
-  estimation::Result<estimation::Calibration> calibration =
-      estimation::parse_calibration(text, rig.calibration_file.string());
-  if (!calibration) return rig::failure(rig::Fault::kConfiguration, calibration.error().text());
-  return *std::move(calibration);
-}
-
-void show_progress(double done_frac, const std::string& what) {
-  if (isatty(STDERR_FILENO) == 0) return;
-  std::fprintf(stderr, "\r\033[Kssrig-sim: %s %3.0f%%", what.c_str(), std::floor(100 * done_frac));
-  if (done_frac >= 1) std::fputs("\r\033[K", stderr);
 }
 
 // What stands before the camera, and how the truth of the n-th new session is written.
@@ -101,13 +55,9 @@ rig::Result<Stage> make_targets(const estimation::CameraInfo& camera,
 // `sessions` outlives the stage.
 rig::Result<Stage> make_stage(const rig::RigFile& rig, const RunOptions& options,
                               const SessionWatch& sessions) {
-  const rig::Result<estimation::CameraInfo> camera = camera_info(rig);
-  if (!camera) return tl::unexpected(camera.error());
-  const rig::Result<estimation::Calibration> calibration = read_calibration(rig);
-  if (!calibration) return tl::unexpected(calibration.error());
-  estimation::ProjectorInfo projector;
-  projector.width_px = rig.projector.width_px;
-  projector.height_px = rig.projector.height_px;
+  const rig::Result<SimulatedRig> simulated = simulated_rig(rig);
+  if (!simulated) return tl::unexpected(simulated.error());
+  const auto& [camera, projector, calibration] = *simulated;
   SceneOptions scene;
   scene.name = options.scene;
   scene.has_indirect = options.has_indirect;
@@ -121,8 +71,8 @@ rig::Result<Stage> make_stage(const rig::RigFile& rig, const RunOptions& options
   scene.cache_folder = default_cache_folder();
   const std::vector<std::string> targets = target_scene_names();
   if (std::find(targets.begin(), targets.end(), scene.name) != targets.end())
-    return make_targets(*camera, projector, *calibration, scene, sessions);
-  auto world = HeadWorld::create(*camera, projector, *calibration, scene, show_progress);
+    return make_targets(camera, projector, calibration, scene, sessions);
+  auto world = HeadWorld::create(camera, projector, calibration, scene, show_progress);
   if (!world) return tl::unexpected(world.error());
   const HeadWorld& made = **world;
   return Stage{*std::move(world),
