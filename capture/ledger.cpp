@@ -165,9 +165,11 @@ std::vector<Verdict> Ledger::judge(Findings& findings) {
 // Does the frame say something else than the pulse whose number it bears?
 std::optional<Finding> Ledger::contradiction(const FrameFacts& facts, const Pulse& pulse) const {
   const int pattern = showings_[pulse.showing].pattern;
-  if (facts.received < pulse.started)
+  // A pulse is as long as its exposure. Without chunks this is what a stray pulse on the line shows
+  // in, when its frame bears the number of the next pulse.
+  if (facts.received < pulse.ended - rules_.time_tolerance())
     return Finding{Incident::kFrameMistimed, pattern, pulse.bracket,
-                   "the frame was there before its pulse"};
+                   "the frame was there before its pulse had ended"};
   if (camera_clock_.is_ready()) {
     const nanoseconds error = camera_clock_.to_host(facts.timestamp) - pulse.started;
     if (std::chrono::abs(error) >= rules_.time_tolerance())
@@ -320,6 +322,12 @@ bool Ledger::is_filled(int pattern) const {
   return std::all_of(slots_.begin(), slots_.end(), [pattern](const Slot& slot) {
     return slot.id.pattern != pattern || slot.evidence.has_value();
   });
+}
+
+void Ledger::empty(SlotId id) {
+  Slot& emptied = slot(id);
+  if (emptied.evidence) --filled_count_;
+  emptied.evidence.reset();
 }
 
 void Ledger::note(const Finding& finding) {

@@ -133,6 +133,8 @@ class Ledger {
   int filled_count() const { return filled_count_; }
   bool is_complete() const { return filled_count_ == static_cast<int>(slots_.size()); }
   const std::vector<Slot>& slots() const { return slots_; }  // pattern by pattern
+  // Its frame is not to be used after all.
+  void empty(SlotId id);
   void note(const Finding& finding);  // remembers the cause at the open slots it concerns
 
  private:

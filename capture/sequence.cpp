@@ -24,7 +24,7 @@ Overloaded(Handlers...) -> Overloaded<Handlers...>;
 
 bool is_running(const Phase& phase) {
   return std::holds_alternative<Showing>(phase) || std::holds_alternative<Exposing>(phase) ||
-         std::holds_alternative<Collecting>(phase);
+         std::holds_alternative<Collecting>(phase) || std::holds_alternative<Confirming>(phase);
 }
 
 bool is_over(const Phase& phase) {
@@ -119,6 +119,7 @@ class Turn {
     } else if (const auto* blackening = std::get_if<Blackening>(&state().phase)) {
       if (blackening->show_id == shown.show_id) state().phase = Ended{};
     } else if (is_running(state().phase)) {
+      confirm(shown.show_id);
       react(ledger().picture_shown(shown));
     }
   }
@@ -158,11 +159,32 @@ class Turn {
     Findings findings;
     for (const Verdict& verdict : ledger().judge(findings)) {
       if (verdict.slot)
-        step_.actions.push_back(KeepFrame{verdict.ticket, *verdict.slot, verdict.evidence});
+        keep({verdict.ticket, *verdict.slot, verdict.evidence});
       else
         step_.actions.push_back(DropFrame{verdict.ticket});
     }
     react(findings);
+  }
+
+  void keep(const KeepFrame& frame) {
+    if (frame.evidence.show_id < state().shown_show_id)
+      step_.actions.push_back(frame);
+    else
+      state().unconfirmed.push_back(frame);
+  }
+
+  // The display was as opened when picture `show_id` was drawn, so those before it were what we
+  // meant.
+  void confirm(std::uint64_t show_id) {
+    state().shown_show_id = std::max(state().shown_show_id, show_id);
+    for (const KeepFrame& frame : std::exchange(state().unconfirmed, {})) keep(frame);
+  }
+
+  void discard_unconfirmed() {
+    for (const KeepFrame& frame : std::exchange(state().unconfirmed, {})) {
+      ledger().empty(frame.slot);
+      step_.actions.push_back(DropFrame{frame.ticket});
+    }
   }
 
   void look_at_deadlines() {
@@ -170,6 +192,10 @@ class Turn {
     const std::optional<Finding> overdue = std::visit(
         Overloaded{[this](const Darkening& darkening) {
                      return overdue_by(darkening.deadline, Incident::kPictureNotShown, "black");
+                   },
+                   [this](const Confirming& confirming) {
+                     return overdue_by(confirming.deadline, Incident::kPictureNotShown,
+                                       "black after the last pattern");
                    },
                    [this](const Arming& arming) {
                      return overdue_by(arming.deadline, Incident::kDeviceLost,
@@ -267,6 +293,7 @@ class Turn {
 
   void restart() {
     ++state().restart_count;
+    discard_unconfirmed();
     step_.actions.push_back(Disarm{});
     darken();
   }
@@ -291,6 +318,8 @@ class Turn {
       if (ledger().is_showing_over()) show_next();
     } else if (std::holds_alternative<Collecting>(state().phase)) {
       show_next();
+    } else if (std::holds_alternative<Confirming>(state().phase)) {
+      if (state().unconfirmed.empty()) end(Outcome::kComplete);
     }
   }
 
@@ -301,7 +330,8 @@ class Turn {
     if (!ledger().is_primed()) {
       if (ledger().awaited_count() == 0) show(kPrimePattern);
     } else if (ledger().is_complete()) {
-      end(Outcome::kComplete);
+      if (state().unconfirmed.empty()) return end(Outcome::kComplete);
+      state().phase = Confirming{ask_for(rig::kBlackPicture), now_ + rules_.edge_deadline};
     } else if (!state().queue.empty()) {
       if (ledger().awaited_before_last_count() == 0) {
         const int pattern = state().queue.front();
@@ -345,6 +375,7 @@ class Turn {
   }
 
   void end(Outcome outcome) {
+    discard_unconfirmed();
     state().is_square_light = false;
     state().outcome = outcome;
     state().phase = Blackening{ask_for(rig::kBlackPicture), now_ + kBlackDeadline};
@@ -370,9 +401,7 @@ Sequence::Sequence(SequenceRules rules, std::vector<int> order)
 
 SequenceState Sequence::initial() const {
   const int pattern_count = static_cast<int>(order_.size());
-  SequenceState state{
-      Idle{}, Ledger(rules_.ledger, pattern_count), {}, {}, 0, 0, 1, false, false, Outcome::kFailed,
-      {}};
+  SequenceState state{Idle{}, Ledger(rules_.ledger, pattern_count)};
   state.retake_counts.assign(static_cast<std::size_t>(pattern_count) + 1, 0);
   return state;
 }
@@ -396,9 +425,9 @@ std::optional<rig::HostTime> Sequence::deadline(const SequenceState& state) {
 }
 
 std::string_view name_of(const Phase& phase) {
-  constexpr std::string_view kNames[] = {"idle",       "darkening",  "settling",
-                                         "arming",     "showing",    "exposing",
-                                         "collecting", "blackening", "ended"};
+  constexpr std::string_view kNames[] = {"idle",       "darkening", "settling",   "arming",
+                                         "showing",    "exposing",  "collecting", "confirming",
+                                         "blackening", "ended"};
   static_assert(std::size(kNames) == std::variant_size_v<Phase>);
   return kNames[phase.index()];
 }

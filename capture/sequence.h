@@ -9,7 +9,8 @@
 //                    │ (disarm)                 │ or is given up        ▼                │
 //                    └──── any of these ◄── Collecting ◄─────────── Exposing ─last pulse─┘
 //                                               │ all slots filled       ended
-//     any state ─abort, failure─► Blackening ◄──┘
+//                                               ▼
+//     any state ─abort, failure─► Blackening ◄─ Confirming
 //                                     │ black shown, or its deadline
 //                                     ▼
 //                                   Ended (complete, failed, aborted)
@@ -19,6 +20,9 @@
 // by all its frames having come, that camera and box count alike. Handshake pace: the next pattern
 // is shown when the last pulse of this one has ended, and its frames are checked meanwhile; but
 // frames of no more than two showings are ever on their way, so a slow link slows the pace.
+// A frame is handed on when a later picture has been shown: a projector answers a show() only while
+// its monitor is as it was opened (rig/projector.h), so the light of the frame was ours. Confirming
+// is that for the last pattern: black under the same square.
 // Deadlines: every waiting state has one in it or, for frames, in the ledger; deadline() is the
 // earliest, and TimePassed makes next() look at them.
 #pragma once
@@ -98,14 +102,24 @@ struct Exposing {
   rig::HostTime deadline;
 };
 struct Collecting {};  // the frames' deadlines are in the ledger
+struct Confirming {
+  std::uint64_t show_id = 0;
+  rig::HostTime deadline;
+};
 struct Blackening {
   std::uint64_t show_id = 0;
   rig::HostTime deadline;
 };
 struct Ended {};
 using Phase = std::variant<Idle, Darkening, Settling, Arming, Showing, Exposing, Collecting,
-                           Blackening, Ended>;
+                           Confirming, Blackening, Ended>;
 std::string_view name_of(const Phase& phase);
+
+struct KeepFrame {
+  std::uint64_t ticket = 0;
+  SlotId slot;
+  Evidence evidence;
+};
 
 struct SequenceState {
   Phase phase;
@@ -115,6 +129,8 @@ struct SequenceState {
   int restart_count = 0;
   std::uint32_t run_id = 0;  // of the latest arming
   std::uint64_t next_show_id = 1;
+  std::uint64_t shown_show_id = 0;       // the newest that was answered
+  std::vector<KeepFrame> unconfirmed{};  // good, but of the newest picture that was shown
   bool is_square_light = false;
   bool is_priming_retaken = false;     // in this run
   Outcome outcome = Outcome::kFailed;  // once Blackening or Ended
@@ -130,11 +146,6 @@ struct Arm {  // camera first: the box must not fire into a camera that does not
   int frame_count = 0;
 };
 struct Disarm {};  // box first; frames not kept so far are let go
-struct KeepFrame {
-  std::uint64_t ticket = 0;
-  SlotId slot;
-  Evidence evidence;
-};
 struct DropFrame {
   std::uint64_t ticket = 0;
 };

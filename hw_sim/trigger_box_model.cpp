@@ -150,7 +150,7 @@ void TriggerBoxModel::start_train(std::chrono::microseconds delay) {
   train.pulse_count = config_->pulse_count;
   HostTime start = now_ + delay;
   for (std::size_t i = 0; i < train.pulse_count; ++i) {
-    train.pulses[i] = {start, std::chrono::microseconds(config_->width_us[i])};
+    train.pulses[i] = {start, std::chrono::microseconds(config_->width_us[i]), static_cast<int>(i)};
     start += train.pulses[i].width + std::chrono::microseconds(config_->gap_us);
   }
   train_ = train;

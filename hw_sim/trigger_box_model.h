@@ -26,6 +26,7 @@ namespace hw_sim {
 struct LinePulse {
   rig::HostTime start;
   std::chrono::microseconds width{0};
+  int index = 0;  // in its train
 };
 
 struct BoxOutput {

@@ -57,7 +57,8 @@ class Camera {
   // Idle -> Armed: from here every pulse on the line is one frame, its exposures cycling through
   // `bracket_exposures` (shortest first) from the first. `frame_count` buffers are ready before it
   // returns. Every setting is read back. Block ids and trigger counts start at 1. Errors: kBusy if
-  // armed; kOutOfRange if it cannot expose so long; kReadBackMismatch; kUnsupported; kDeviceLost.
+  // armed; kOutOfRange if it cannot expose so long; kReadBackMismatch; kUnsupported (also:
+  // kSequencer on a camera whose frames do not tell their exposure); kDeviceLost.
   virtual Result<void> arm(const std::vector<std::chrono::microseconds>& bracket_exposures,
                            int frame_count) = 0;
 

@@ -7,18 +7,60 @@ namespace hw_sim {
 InProcessRig::InProcessRig(const World& world, InProcessOptions options)
     : world_(world),
       options_(std::move(options)),
-      camera_(options_.camera, options_.camera_timing, options_.faults, timeline_, world_, light_),
-      trigger_(options_.trigger, options_.faults, timeline_,
-               [this](const LinePulse& pulse) { camera_.pulse(pulse); }),
-      projector_(options_.projector, options_.display_timing, options_.faults, timeline_,
-                 [this](const std::shared_ptr<const Picture>& picture, bool is_square_light) {
-                   light(picture, is_square_light);
-                 }) {}
+      faults_(options_.faults),
+      camera_(options_.camera, options_.camera_timing, faults_, timeline_, world_, light_),
+      trigger_(options_.trigger, faults_, timeline_,
+               [this](const LinePulse& each) { pulse(each); }),
+      projector_(options_.projector, options_.display_timing, faults_, timeline_,
+                 [this](const std::shared_ptr<const Picture>& picture, bool is_square_light,
+                        const FlipFaults& faults) { light(picture, is_square_light, faults); }) {
+  // What the plan has for a rig at rest.
+  take_device_faults();
+  trigger_.take_train_faults();
+  if (faults_.take(FaultKind::kTriggerDoubled)) camera_.disturb_line();
+  if (const auto step = faults_.take(FaultKind::kClockStep)) camera_.step_clock(step->duration);
+}
 
-void InProcessRig::light(const std::shared_ptr<const Picture>& picture, bool is_square_light) {
+void InProcessRig::light(const std::shared_ptr<const Picture>& picture, bool is_square_light,
+                         const FlipFaults& faults) {
   light_.show(timeline_.now(), picture);
   world_.prepare(picture);
-  trigger_.square(is_square_light);
+  trigger_.square(is_square_light, faults);
+}
+
+void InProcessRig::pulse(const LinePulse& pulse) {
+  if (pulse.index == 0) take_device_faults();
+  camera_.pulse(pulse);
+}
+
+void InProcessRig::take_device_faults() {
+  if (const auto stuck = faults_.take(FaultKind::kPhotodiodeStuck)) {
+    trigger_.stick_photodiode(true);
+    undo_after(stuck->duration, [this] { trigger_.stick_photodiode(false); });
+  }
+  if (const auto dim = faults_.take(FaultKind::kPhotodiodeDim)) {
+    trigger_.dim_photodiode(dim->level_frac);
+    undo_after(dim->duration, [this] { trigger_.dim_photodiode(1); });
+  }
+  if (faults_.take(FaultKind::kUsbUnplugged)) trigger_.unplug();
+  if (faults_.take(FaultKind::kCameraRebooted)) camera_.reboot();
+  if (const auto pulled = faults_.take(FaultKind::kCablePulled)) {
+    camera_.pull_cable();
+    undo_after(pulled->duration, [this] { camera_.plug_cable_in(); });
+  }
+  if (faults_.take(FaultKind::kControlStolen)) camera_.steal_control();
+  if (const auto gone = faults_.take(FaultKind::kProjectorGone)) {
+    projector_.unplug();
+    undo_after(gone->duration, [this] { projector_.plug_in(); });
+  }
+  if (const auto gamma = faults_.take(FaultKind::kGammaWrong)) {
+    projector_.set_gamma(gamma->gamma_exponent);
+    undo_after(gamma->duration, [this] { projector_.set_gamma(1); });
+  }
+}
+
+void InProcessRig::undo_after(std::chrono::milliseconds duration, std::function<void()> undo) {
+  if (duration.count() > 0) timeline_.schedule(timeline_.now() + duration, std::move(undo));
 }
 
 std::shared_ptr<const Picture> InProcessRig::picture_now() const {

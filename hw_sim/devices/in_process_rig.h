@@ -3,10 +3,11 @@
 #pragma once
 
 #include "hw_sim/devices/sim_camera.h"
-#include "hw_sim/devices/sim_faults.h"
 #include "hw_sim/devices/sim_projector.h"
 #include "hw_sim/devices/sim_trigger.h"
 #include "hw_sim/devices/timeline.h"
+#include "hw_sim/faults/fault_plan.h"
+#include "hw_sim/faults/fault_schedule.h"
 #include "hw_sim/light.h"
 #include "hw_sim/world.h"
 #include "rig/camera.h"
@@ -21,7 +22,7 @@ struct InProcessOptions {
   rig::CameraSettings camera;
   DisplayTiming display_timing;
   CameraTiming camera_timing;
-  SimFaults faults;
+  FaultPlan faults;
 };
 
 // Not thread-safe. `world` outlives the rig; frames taken from it may outlive both.
@@ -39,11 +40,16 @@ class InProcessRig {
   std::shared_ptr<const Picture> picture_now() const;
 
  private:
-  void light(const std::shared_ptr<const Picture>& picture, bool is_square_light);
+  void light(const std::shared_ptr<const Picture>& picture, bool is_square_light,
+             const FlipFaults& faults);
+  void pulse(const LinePulse& pulse);
+  void take_device_faults();
+  void undo_after(std::chrono::milliseconds duration, std::function<void()> undo);
 
   const World& world_;
   const InProcessOptions options_;
   Timeline timeline_;
+  FaultSchedule faults_;
   LightTimeline light_;
   SimCamera camera_;
   SimTrigger trigger_;

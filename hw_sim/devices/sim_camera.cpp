@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <mutex>
-#include <optional>
+#include <random>
 #include <string>
 #include <utility>
 
@@ -40,6 +40,17 @@ class FramePool {
 namespace {
 
 constexpr microseconds kLongestExposure{10'000'000};
+constexpr microseconds kBounceDelay{100};  // from one rise of a bouncing line to the next
+constexpr microseconds kStrayPulse{1000};
+// As Aravis does with packets of 1500 bytes: it asks again every 2 ms or so, and gives up in the
+// end.
+constexpr std::size_t kPacketBytes = 1464;
+constexpr std::chrono::milliseconds kResendRound{2};
+constexpr int kResendRoundLimit = 25;
+// When the driver knows that it has lost the camera: at the next heartbeat, or when nothing has
+// answered for long enough (measured: 5.0 to 6.0 s).
+constexpr std::chrono::milliseconds kControlCheckPeriod{1000};
+constexpr std::chrono::milliseconds kHeartbeatPatience{5500};
 
 class PoolLease final : public rig::FrameLease {
  public:
@@ -67,7 +78,7 @@ rig::Error lost() {
 
 }  // namespace
 
-SimCamera::SimCamera(rig::CameraSettings settings, CameraTiming timing, const SimFaults& faults,
+SimCamera::SimCamera(rig::CameraSettings settings, CameraTiming timing, FaultSchedule& faults,
                      Timeline& timeline, const World& world, const LightTimeline& light)
     : settings_(std::move(settings)),
       timing_(timing),
@@ -95,6 +106,11 @@ rig::Result<void> SimCamera::arm(const std::vector<microseconds>& bracket_exposu
   if (!is_count_possible || !can_expose)
     return rig::failure(rig::Fault::kOutOfRange,
                         "the camera takes 1 to 8 exposures of at most 10 s each");
+  if (settings_.bracketing == rig::Bracketing::kSequencer && bracket_exposures.size() > 1 &&
+      !timing_.has_chunks)
+    return rig::failure(rig::Fault::kUnsupported,
+                        "a sequencer without the exposure chunk; set camera.bracketing to "
+                        "trigger_width");
   engine_.bracketing = settings_.bracketing;
   engine_.is_sequencer_on = settings_.bracketing == rig::Bracketing::kSequencer;
   for (std::size_t set = 0; set < bracket_exposures.size(); ++set)
@@ -124,63 +140,119 @@ rig::Result<rig::CameraCounters> SimCamera::counters() {
 }
 
 void SimCamera::pulse(const LinePulse& pulse) {
-  ++pulse_count_;
-  if (faults_.camera_lost_at_pulse == pulse_count_ && !is_lost_) {
-    is_lost_ = true;
-    disarm();
-    timeline_.post(rig::DeviceFault{rig::Device::kCamera, lost()});
-  }
-  if (!is_armed_ || is_lost_) return;
-  if (faults_.slips.contains(pulse_count_)) engine_.slip();
-  const auto job = engine_.trigger(pulse.start, pulse.width);
-  if (!job) return;
-  timeline_.schedule(job->end(), [this, job = *job, arming = arming_number_] {
-    if (arming == arming_number_) finish(job);
-  });
+  const ShotFaults faults = faults_.take_shot();
+  if (faults.is_trigger_missed) return;
+  take(pulse, faults);
+  if (faults.is_trigger_bounced) engine_.trigger(pulse.start + kBounceDelay, pulse.width);
 }
 
+void SimCamera::take(const LinePulse& pulse, const ShotFaults& faults) {
+  step_clock(faults.clock_step);
+  if (!is_armed_ || is_lost_) return;
+  if (faults.is_sequencer_slipping) engine_.slip();
+  auto job = engine_.trigger(pulse.start, pulse.width);
+  if (!job) return;
+  // A pulse's width is its own; what a timer keeps can stick.
+  if (faults.is_exposure_stuck && engine_.is_sequencer_on && last_exposure_.count() > 0)
+    job->duration = last_exposure_;
+  last_exposure_ = job->duration;
+  timeline_.schedule(job->end(), [this, shot = Shot{*job, faults}, arming = arming_number_] {
+    if (arming == arming_number_) finish(shot);
+  });
+  if (!faults.is_trigger_doubled) return;
+  timeline_.schedule(job->end() + timing_.readout + kBounceDelay, [this] { disturb_line(); });
+}
+
+void SimCamera::disturb_line() { take({timeline_.now(), kStrayPulse}, {}); }
+
 // The shutter has closed: the light that fell in is known.
-void SimCamera::finish(const ExposureJob& job) {
+void SimCamera::finish(const Shot& shot) {
   auto buffer = pool_->take();
   ++block_id_;
-  ++frame_count_;
-  if (!buffer || faults_.dropped_frames.contains(frame_count_)) {
+  if (!buffer || shot.faults.is_lost || is_cable_pulled_) {
     if (buffer) pool_->give_back(std::move(*buffer));
     return;
   }
-  expose(job, *buffer);
-  send(job, std::move(*buffer));
+  expose(shot.job, *buffer);
+  send(shot, std::move(*buffer));
 }
 
-void SimCamera::send(const ExposureJob& job, std::vector<std::byte> pixels) {
-  rig::HostTime arrival = job.end() + timing_.readout + timing_.transfer;
-  if (faults_.late_frames.contains(frame_count_)) arrival += faults_.frame_delay;
-  const bool is_damaged = faults_.damaged_frames.contains(frame_count_);
-  if (faults_.repeated_frames.contains(frame_count_)) {
+std::optional<int> SimCamera::resend_rounds(const ShotFaults& faults,
+                                            std::size_t byte_count) const {
+  const int packet_count = static_cast<int>(byte_count / kPacketBytes) + 3;  // leader, trailer
+  std::mt19937_64 random(faults.loss_seed);
+  int missing_count = packet_count;
+  int round = 0;
+  for (; missing_count > 0 && round <= kResendRoundLimit; ++round) {
+    int lost_count = 0;
+    for (int packet = 0; packet < missing_count; ++packet)
+      if (static_cast<double>(random() >> 11) * 0x1p-53 < faults.loss_frac) ++lost_count;
+    missing_count = lost_count;
+  }
+  if (missing_count > 0) return std::nullopt;
+  const bool is_end_lost = faults.is_leader_lost || faults.is_trailer_lost;
+  return std::max(round - 1, is_end_lost ? 1 : 0);
+}
+
+void SimCamera::send(const Shot& shot, std::vector<std::byte> pixels) {
+  const auto rounds = resend_rounds(shot.faults, pixels.size());
+  const rig::HostTime arrival = shot.job.end() + timing_.readout + timing_.transfer +
+                                shot.faults.delay +
+                                rounds.value_or(kResendRoundLimit) * kResendRound;
+  if (shot.faults.is_duplicated) {
     if (auto copy = pool_->take()) {
       *copy = pixels;
-      const auto twin = std::make_shared<rig::Frame>(make_frame(job, std::move(*copy)));
-      timeline_.schedule(arrival, [this, twin, arming = arming_number_] {
-        if (arming != arming_number_) return;
-        twin->received = timeline_.now();
-        timeline_.post(rig::FrameArrived{std::move(*twin)});
-      });
+      deliver(arrival, shot, std::move(*copy));
     }
   }
-  // shared: std::function must be copyable, a frame is not
-  const auto frame = std::make_shared<rig::Frame>(make_frame(job, std::move(pixels)));
-  timeline_.schedule(arrival, [this, frame, is_damaged, arming = arming_number_] {
+  if (rounds && !shot.faults.is_truncated) return deliver(arrival, shot, std::move(pixels));
+  pool_->give_back(std::move(pixels));
+  timeline_.schedule(arrival, [this, block_id = block_id_, arming = arming_number_] {
     if (arming != arming_number_) return;
-    frame->received = timeline_.now();
-    if (is_damaged) {
-      ++counters_.damaged_frame_count;
-      timeline_.post(rig::FrameDamaged{frame->block_id,
-                                       {rig::Fault::kFrameIncomplete, "packets are missing"}});
-    } else {
-      ++counters_.delivered_frame_count;
-      timeline_.post(rig::FrameArrived{std::move(*frame)});
-    }
+    ++counters_.damaged_frame_count;
+    timeline_.post(
+        rig::FrameDamaged{block_id, {rig::Fault::kFrameIncomplete, "packets are missing"}});
   });
+}
+
+void SimCamera::deliver(rig::HostTime arrival, const Shot& shot, std::vector<std::byte> pixels) {
+  // shared: std::function must be copyable, a frame is not
+  const auto frame = std::make_shared<rig::Frame>(make_frame(shot.job, std::move(pixels)));
+  timeline_.schedule(arrival, [this, frame, arming = arming_number_] {
+    if (arming != arming_number_ || is_cable_pulled_) return;
+    frame->received = timeline_.now();
+    ++counters_.delivered_frame_count;
+    timeline_.post(rig::FrameArrived{std::move(*frame)});
+  });
+}
+
+void SimCamera::lose() {
+  if (std::exchange(is_lost_, true)) return;
+  disarm();
+  timeline_.post(rig::DeviceFault{rig::Device::kCamera, lost()});
+}
+
+void SimCamera::reboot() {
+  lose();
+  power_up_ = timeline_.now();
+  clock_step_ = nanoseconds(0);
+}
+
+void SimCamera::steal_control() {
+  disarm();  // the other program stops the acquisition
+  timeline_.schedule(timeline_.now() + kControlCheckPeriod, [this] { lose(); });
+}
+
+void SimCamera::pull_cable() {
+  is_cable_pulled_ = true;
+  timeline_.schedule(timeline_.now() + kHeartbeatPatience, [this, pull = ++cable_number_] {
+    if (pull == cable_number_) lose();
+  });
+}
+
+void SimCamera::plug_cable_in() {
+  is_cable_pulled_ = false;
+  ++cable_number_;
 }
 
 rig::Frame SimCamera::make_frame(const ExposureJob& job, std::vector<std::byte> pixels) const {
@@ -219,7 +291,7 @@ rig::CameraClock::time_point SimCamera::camera_time(rig::HostTime time) const {
   const auto since_power_up =
       static_cast<double>(std::chrono::duration_cast<nanoseconds>(time - power_up_).count());
   return rig::CameraClock::time_point(
-      timing_.clock_start +
+      timing_.clock_start + clock_step_ +
       nanoseconds(std::llround(since_power_up * (1 + timing_.clock_drift_ppm * 1e-6))));
 }
 

@@ -4,11 +4,12 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
-#include "hw_sim/devices/sim_faults.h"
 #include "hw_sim/devices/timeline.h"
 #include "hw_sim/exposure_engine.h"
+#include "hw_sim/faults/fault_schedule.h"
 #include "hw_sim/light.h"
 #include "hw_sim/trigger_box_model.h"
 #include "hw_sim/world.h"
@@ -31,7 +32,7 @@ class FramePool;
 class SimCamera final : public rig::Camera {
  public:
   // The frames have the world's size; `world` and `light` outlive the camera.
-  SimCamera(rig::CameraSettings settings, CameraTiming timing, const SimFaults& faults,
+  SimCamera(rig::CameraSettings settings, CameraTiming timing, FaultSchedule& faults,
             Timeline& timeline, const World& world, const LightTimeline& light);
   ~SimCamera() override;
 
@@ -44,20 +45,41 @@ class SimCamera final : public rig::Camera {
   // The trigger line goes up now.
   void pulse(const LinePulse& pulse);
 
+  // Faults of the whole device. Rebooted: its settings, counters and clock start anew. Lost is what
+  // the driver says at once where the camera itself tells, and after the heartbeat's patience where
+  // nothing does.
+  void reboot();
+  void steal_control();
+  void pull_cable();
+  void plug_cable_in();
+  void step_clock(std::chrono::nanoseconds step) { clock_step_ += step; }
+  // A pulse on the line that nobody sent.
+  void disturb_line();
+
  private:
-  void finish(const ExposureJob& job);
-  void send(const ExposureJob& job, std::vector<std::byte> pixels);
+  struct Shot {
+    ExposureJob job;
+    ShotFaults faults;
+  };
+
+  void take(const LinePulse& pulse, const ShotFaults& faults);
+  void lose();
+  void finish(const Shot& shot);
+  void send(const Shot& shot, std::vector<std::byte> pixels);
+  void deliver(rig::HostTime arrival, const Shot& shot, std::vector<std::byte> pixels);
+  // Rounds of resend requests until all packets are there; nullopt: too many.
+  std::optional<int> resend_rounds(const ShotFaults& faults, std::size_t byte_count) const;
   rig::Frame make_frame(const ExposureJob& job, std::vector<std::byte> pixels) const;
   void expose(const ExposureJob& job, std::vector<std::byte>& pixels) const;
   rig::CameraClock::time_point camera_time(rig::HostTime time) const;
 
   const rig::CameraSettings settings_;
   const CameraTiming timing_;
-  const SimFaults& faults_;
+  FaultSchedule& faults_;
   Timeline& timeline_;
   const World& world_;
   const LightTimeline& light_;
-  const rig::HostTime power_up_;
+  rig::HostTime power_up_;
   rig::CameraIdentity identity_{"ssrig", "SimCamera", "SIM", "1"};
   ExposureEngine engine_;
   // Shared with every lease: frames may outlive the camera.
@@ -66,8 +88,10 @@ class SimCamera final : public rig::Camera {
   bool is_lost_ = false;
   std::uint64_t arming_number_ = 0;  // exposures of earlier armings are discarded
   std::uint64_t block_id_ = 0;       // of this arming
-  std::uint64_t pulse_count_ = 0;
-  std::uint64_t frame_count_ = 0;
+  std::uint64_t cable_number_ = 0;   // how often the cable was pulled or plugged in
+  bool is_cable_pulled_ = false;
+  std::chrono::nanoseconds clock_step_{0};
+  std::chrono::microseconds last_exposure_{0};
   rig::CameraCounters counters_;
 };
 

@@ -1,6 +1,7 @@
 #include "hw_sim/devices/sim_projector.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 namespace hw_sim {
@@ -9,6 +10,8 @@ namespace {
 using estimation::Image;
 
 constexpr unsigned char kLight = 255;
+constexpr std::uint64_t kGammaBit = std::uint64_t{1} << 63;  // of a picture's id
+constexpr std::chrono::milliseconds kWatchPeriod{250};       // of the driver
 
 // load number, picture plus one, square: unique per picture object that differs.
 std::uint64_t picture_id(std::uint64_t load_number, const rig::ShowRequest& request) {
@@ -30,8 +33,10 @@ void paint_square(const rig::SyncSquareSettings& square, bool is_light,
       picture.at(row, col) = is_light ? kLight : static_cast<unsigned char>(0);
 }
 
-rig::Error lost() {
-  return {rig::Fault::kDisplayChanged, "the monitor is gone; plug it in and start again"};
+rig::Error changed(bool is_plugged_in) {
+  return {rig::Fault::kDisplayChanged,
+          is_plugged_in ? "the gamma ramp was changed by another program; turn off night light"
+                        : "the monitor is gone; plug it in again"};
 }
 
 }  // namespace
@@ -41,7 +46,7 @@ ShownPicture shown_picture(std::uint64_t picture_id) {
 }
 
 SimProjector::SimProjector(rig::ProjectorSettings settings, DisplayTiming timing,
-                           const SimFaults& faults, Timeline& timeline, OnLight on_light)
+                           FaultSchedule& faults, Timeline& timeline, OnLight on_light)
     : settings_(std::move(settings)),
       timing_(timing),
       faults_(faults),
@@ -66,7 +71,7 @@ rig::DisplayReport SimProjector::report() const {
 }
 
 rig::Result<void> SimProjector::load(std::vector<Image<unsigned char>> pictures) {
-  if (is_lost_) return tl::unexpected(lost());
+  if (is_changed_) return tl::unexpected(changed(is_plugged_in_));
   for (const auto& picture : pictures) {
     if (picture.width_px() == settings_.width_px && picture.height_px() == settings_.height_px &&
         picture.channel_count() == 1)
@@ -80,12 +85,13 @@ rig::Result<void> SimProjector::load(std::vector<Image<unsigned char>> pictures)
   pictures_ = std::move(pictures);
   ++load_count_;
   requests_.clear();
-  on_light_(compose({}), false);
+  shown_ = {};
+  light(timeline_.now(), {}, {});
   return {};
 }
 
 rig::Result<void> SimProjector::show(const rig::ShowRequest& request) {
-  if (is_lost_) return tl::unexpected(lost());
+  if (is_changed_) return tl::unexpected(changed(is_plugged_in_));
   if (request.picture < rig::kBlackPicture || request.picture >= static_cast<int>(pictures_.size()))
     return rig::failure(rig::Fault::kOutOfRange,
                         "picture " + std::to_string(request.picture) + " is not loaded");
@@ -104,19 +110,39 @@ void SimProjector::schedule_swap() {
 }
 
 void SimProjector::swap() {
-  if (requests_.empty() || is_lost_) return;
+  if (requests_.empty() || is_changed_) return;
+  watch();
+  if (is_changed_) return;
   const rig::ShowRequest request = requests_.front();
+  const bool is_flip = request.is_square_light != shown_.is_square_light;
+  if (!flip_) flip_ = is_flip ? faults_.take_flip() : FlipFaults{};
+  if (std::exchange(flip_->is_blank_skipped, false)) return schedule_swap();
+  const FlipFaults flip = *std::exchange(flip_, std::nullopt);
   requests_.pop_front();
-  ++swap_count_;
-  if (faults_.projector_lost_at_show == swap_count_) return lose();
+  shown_ = request;
   timeline_.post(rig::PictureShown{request.show_id, timeline_.now()});
-  rig::HostTime light = timeline_.now() + timing_.input_lag_refreshes * timing_.refresh_interval;
-  if (faults_.late_flips.contains(swap_count_)) light += faults_.flip_delay;
-  latest_light_ = std::max(latest_light_, light);
-  timeline_.schedule(latest_light_, [this, picture = compose(request), request] {
-    on_light_(picture, request.is_square_light);
-  });
+  light(timeline_.now() + timing_.input_lag_refreshes * timing_.refresh_interval + flip.delay,
+        request, flip);
   if (!requests_.empty()) schedule_swap();
+}
+
+void SimProjector::light(rig::HostTime when, const rig::ShowRequest& request,
+                         const FlipFaults& faults) {
+  latest_light_ = std::max(latest_light_, when);
+  timeline_.schedule(latest_light_, [this, picture = compose(request), request, faults] {
+    lit_ = picture;
+    if (is_plugged_in_) on_light_(after_gamma(picture), request.is_square_light, faults);
+  });
+}
+
+std::shared_ptr<const Picture> SimProjector::after_gamma(
+    const std::shared_ptr<const Picture>& picture) const {
+  if (gamma_exponent_ == 1) return picture;
+  auto bent = std::make_shared<Picture>(*picture);
+  bent->id |= kGammaBit;
+  for (unsigned char& level : bent->brightness.samples())
+    level = static_cast<unsigned char>(std::lround(255 * std::pow(level / 255.0, gamma_exponent_)));
+  return bent;
 }
 
 std::shared_ptr<const Picture> SimProjector::compose(const rig::ShowRequest& request) const {
@@ -131,9 +157,37 @@ std::shared_ptr<const Picture> SimProjector::compose(const rig::ShowRequest& req
   return picture;
 }
 
-void SimProjector::lose() {
-  is_lost_ = true;
-  timeline_.post(rig::DeviceFault{rig::Device::kProjector, lost()});
+void SimProjector::set_gamma(double exponent) {
+  gamma_exponent_ = exponent;
+  if (!is_plugged_in_ || !lit_) return;
+  on_light_(after_gamma(lit_), shown_picture(lit_->id).is_square_light, {});
+  timeline_.schedule(timeline_.now() + kWatchPeriod, [this] { watch(); });
+}
+
+void SimProjector::unplug() {
+  if (!std::exchange(is_plugged_in_, false)) return;
+  auto dark = std::make_shared<Picture>();
+  dark->brightness = Image<unsigned char>(settings_.height_px, settings_.width_px);
+  on_light_(dark, settings_.sync_square.is_inverted, {});
+  watch();
+}
+
+void SimProjector::plug_in() {
+  is_plugged_in_ = true;
+  timeline_.schedule(timeline_.now() + kWatchPeriod, [this] { watch(); });
+}
+
+// The driver's look at the display: is it as it was opened?
+void SimProjector::watch() {
+  const bool is_as_opened = is_plugged_in_ && gamma_exponent_ == 1;
+  if (is_as_opened == !is_changed_) return;
+  is_changed_ = !is_as_opened;
+  requests_.clear();
+  flip_.reset();
+  if (!is_as_opened)
+    timeline_.post(rig::DeviceFault{rig::Device::kProjector, changed(is_plugged_in_)});
+  shown_ = {};
+  light(timeline_.now(), {}, {});  // black
 }
 
 }  // namespace hw_sim

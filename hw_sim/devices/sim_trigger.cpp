@@ -1,5 +1,6 @@
 #include "hw_sim/devices/sim_trigger.h"
 
+#include <cmath>
 #include <utility>
 
 namespace hw_sim {
@@ -14,8 +15,10 @@ constexpr int kDarkAdc = 100;
 constexpr std::chrono::nanoseconds kClockUncertainty{1000};  // the box's clock ticks in us
 constexpr microseconds kFlashDelay{5000};                    // beyond the debounce time
 constexpr microseconds kFlashDuration{1000};
-
-int level_of(bool is_light) { return is_light ? kLightAdc : kDarkAdc; }
+constexpr microseconds kBounceDelay{200};  // within the debounce time
+constexpr microseconds kBounceDuration{100};
+constexpr auto kSilenceLimit = 4 * tb1::kHeartbeatPeriod;  // of the driver
+constexpr int kFallSteps = 20;                             // four a time constant
 
 rig::Error lost() {
   return {rig::Fault::kDeviceLost, "the trigger box is gone; plug it in and start again"};
@@ -23,7 +26,7 @@ rig::Error lost() {
 
 }  // namespace
 
-SimTrigger::SimTrigger(rig::TriggerSettings settings, const SimFaults& faults, Timeline& timeline,
+SimTrigger::SimTrigger(rig::TriggerSettings settings, FaultSchedule& faults, Timeline& timeline,
                        OnPulse on_pulse)
     : settings_(std::move(settings)),
       faults_(faults),
@@ -49,12 +52,14 @@ rig::Result<void> SimTrigger::arm(const std::vector<microseconds>& pulse_widths,
   reader_.emplace(run_id);
   if (!request(tb1::Request::kArm, tb1::wire_run_id(run_id)))
     return rig::failure(rig::Fault::kProtocol, "the trigger box refused to arm");
+  faults_.armed();
   catch_up();
   return {};
 }
 
 void SimTrigger::disarm() noexcept {
   reader_.reset();
+  faults_.disarmed();
   if (is_lost_) return;
   request(tb1::Request::kDisarm);
   catch_up();
@@ -73,14 +78,71 @@ std::optional<std::vector<std::uint8_t>> SimTrigger::request(
   return box_.control(static_cast<std::uint8_t>(request), value, data, timeline_.now());
 }
 
-void SimTrigger::square(bool is_light) {
-  const bool is_change = is_light != is_square_light_;
+void SimTrigger::square(bool is_light, const FlipFaults& faults) {
+  is_true_square_light_ = is_light;
+  if (is_stuck_ || faults.is_edge_missed) return;
+  const bool is_fall = is_square_light_ && !is_light;
   is_square_light_ = is_light;
-  if (is_change && faults_.missed_edges.contains(++change_count_)) return;
-  photodiode(level_of(is_light));
+  if (is_fall && faults.fall_time.count() > 0) return fall_slowly(faults.fall_time);
+  photodiode(level_now());
+}
+
+int SimTrigger::level_now() const {
+  if (!is_square_light_) return kDarkAdc;
+  return kDarkAdc + static_cast<int>(std::lround(level_frac_ * (kLightAdc - kDarkAdc)));
+}
+
+void SimTrigger::fall_slowly(std::chrono::milliseconds time_constant) {
+  ++level_number_;
+  for (int step = 1; step <= kFallSteps; ++step) {
+    const double left_frac = step == kFallSteps ? 0 : std::exp(-step / 4.0);
+    const int level_adc =
+        kDarkAdc + static_cast<int>(std::lround(left_frac * (kLightAdc - kDarkAdc)));
+    timeline_.schedule(timeline_.now() + time_constant * step / 4,
+                       [this, level_adc, number = level_number_] {
+                         if (number != level_number_ || is_lost_) return;
+                         box_.light(timeline_.now(), level_adc);
+                         catch_up();
+                       });
+  }
+}
+
+void SimTrigger::stick_photodiode(bool is_stuck) {
+  is_stuck_ = is_stuck;
+  square(is_true_square_light_);
+}
+
+void SimTrigger::dim_photodiode(double level_frac) {
+  level_frac_ = level_frac;
+  photodiode(level_now());
+}
+
+void SimTrigger::silence_until(rig::HostTime end) {
+  silent_until_ = end;
+  if (end - timeline_.now() < kSilenceLimit) return;
+  timeline_.schedule(timeline_.now() + kSilenceLimit, [this] {
+    if (is_lost_) return;
+    timeline_.post(rig::DeviceFault{
+        rig::Device::kTrigger,
+        {rig::Fault::kTimeout, "the trigger box sends no heartbeat; unplug it, plug it in again"}});
+  });
+}
+
+void SimTrigger::take_train_faults() {
+  const rig::HostTime now = timeline_.now();
+  if (faults_.take(FaultKind::kLightFlash)) disturb(now + kFlashDelay, kFlashDuration);
+  if (faults_.take(FaultKind::kEdgeBounced)) disturb(now + kBounceDelay, kBounceDuration);
+  if (faults_.take(FaultKind::kUsbGap)) drops_next_record_ = true;
+  if (const auto silent = faults_.take(FaultKind::kUsbSilent))
+    silence_until(now + silent->duration);
+  if (faults_.take(FaultKind::kUsbStall))
+    timeline_.post(rig::DeviceFault{
+        rig::Device::kTrigger,
+        {rig::Fault::kProtocol, "the trigger box's endpoint stalled and was read again"}});
 }
 
 void SimTrigger::photodiode(int level_adc) {
+  ++level_number_;
   if (is_lost_) return;
   box_.light(timeline_.now(), level_adc);
   catch_up();
@@ -89,8 +151,15 @@ void SimTrigger::photodiode(int level_adc) {
 void SimTrigger::catch_up() {
   if (is_lost_) return;
   const BoxOutput output = box_.advance(timeline_.now());
-  for (const LinePulse& pulse : output.pulses)
-    if (!faults_.dropped_pulses.contains(++pulse_count_)) on_pulse_(pulse);
+  for (const LinePulse& pulse : output.pulses) {
+    if (pulse.index == 0) {
+      faults_.train_started();
+      take_train_faults();
+    }
+    faults_.pulse_started(pulse.index);
+    on_pulse_(pulse);
+    if (is_lost_) return;
+  }
   for (const tb1::Record& record : output.records) hear(record);
   const auto due = box_.next_due();
   if (!due) return;
@@ -100,27 +169,22 @@ void SimTrigger::catch_up() {
 }
 
 void SimTrigger::hear(const tb1::Record& record) {
-  if (is_lost_) return;
+  if (timeline_.now() < silent_until_ || std::exchange(drops_next_record_, false)) return;
   if (record.type == tb1::RecordType::kHeartbeat || !clock_.is_ready())
     clock_.add(rig::BoxClock::time_point(microseconds(box_.time_us(timeline_.now()))),
                timeline_.now(), kClockUncertainty);
   if (!reader_) return;
-  if (record.type == tb1::RecordType::kEdge) {
-    if (faults_.trigger_lost_at_edge == ++edge_count_) return lose();
-    if (faults_.light_flashes.contains(edge_count_)) flash();
-  }
   for (rig::Event& event : reader_->read(record, clock_)) timeline_.post(std::move(event));
 }
 
 // Another light in the room: the photodiode sees the opposite of the square for a moment.
-void SimTrigger::flash() {
-  const rig::HostTime start = timeline_.now() + kFlashDelay;
-  timeline_.schedule(start, [this] { photodiode(level_of(!is_square_light_)); });
-  timeline_.schedule(start + kFlashDuration, [this] { photodiode(level_of(is_square_light_)); });
+void SimTrigger::disturb(rig::HostTime start, microseconds duration) {
+  timeline_.schedule(start, [this] { photodiode(is_square_light_ ? kDarkAdc : kLightAdc); });
+  timeline_.schedule(start + duration, [this] { photodiode(level_now()); });
 }
 
-void SimTrigger::lose() {
-  is_lost_ = true;
+void SimTrigger::unplug() {
+  if (std::exchange(is_lost_, true)) return;
   timeline_.post(rig::DeviceFault{rig::Device::kTrigger, lost()});
 }
 

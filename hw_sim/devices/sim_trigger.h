@@ -6,8 +6,8 @@
 #include <optional>
 #include <vector>
 
-#include "hw_sim/devices/sim_faults.h"
 #include "hw_sim/devices/timeline.h"
+#include "hw_sim/faults/fault_schedule.h"
 #include "hw_sim/trigger_box_model.h"
 #include "rig/clock.h"
 #include "rig/trigger.h"
@@ -21,7 +21,7 @@ class SimTrigger final : public rig::Trigger {
   // Called at each pulse's start: the camera's trigger line.
   using OnPulse = std::function<void(const LinePulse&)>;
 
-  SimTrigger(rig::TriggerSettings settings, const SimFaults& faults, Timeline& timeline,
+  SimTrigger(rig::TriggerSettings settings, FaultSchedule& faults, Timeline& timeline,
              OnPulse on_pulse);
 
   const rig::TriggerIdentity& identity() const override { return identity_; }
@@ -31,9 +31,17 @@ class SimTrigger final : public rig::Trigger {
   rig::Result<rig::TriggerCounters> counters() override;
 
   // The square of the picture whose light begins now.
-  void square(bool is_light);
+  void square(bool is_light, const FlipFaults& faults = {});
   // The photodiode's level now, in ADC counts 0..1023.
   void photodiode(int level_adc);
+
+  // Faults that last.
+  void stick_photodiode(bool is_stuck);
+  void dim_photodiode(double level_frac);  // 1: as it was
+  void silence_until(rig::HostTime end);
+  void unplug();  // the box loses its power, too
+  // Those that happen when a train starts, or while idle.
+  void take_train_faults();
 
  private:
   std::optional<std::vector<std::uint8_t>> request(rig::tb1::Request request,
@@ -41,11 +49,12 @@ class SimTrigger final : public rig::Trigger {
                                                    const std::vector<std::uint8_t>& data = {});
   void catch_up();  // takes what the box has done, and comes back when something is next due
   void hear(const rig::tb1::Record& record);
-  void flash();
-  void lose();
+  void disturb(rig::HostTime start, std::chrono::microseconds duration);
+  void fall_slowly(std::chrono::milliseconds time_constant);
+  int level_now() const;
 
   const rig::TriggerSettings settings_;
-  const SimFaults& faults_;
+  FaultSchedule& faults_;
   Timeline& timeline_;
   const OnPulse on_pulse_;
   rig::TriggerIdentity identity_{"SIM", rig::tb1::kProtocolVersion, 0};
@@ -53,10 +62,13 @@ class SimTrigger final : public rig::Trigger {
   rig::ClockMap<rig::BoxClock> clock_;
   std::optional<rig::tb1::RecordReader> reader_;  // while armed
   std::uint64_t wake_up_number_ = 0;              // of the latest: earlier ones are void
-  std::uint64_t change_count_ = 0;
-  std::uint64_t edge_count_ = 0;
-  std::uint64_t pulse_count_ = 0;
-  bool is_square_light_ = false;
+  std::uint64_t level_number_ = 0;                // of the latest level: a slow fall to it is void
+  bool is_square_light_ = false;                  // as the photodiode sees it
+  bool is_true_square_light_ = false;
+  bool is_stuck_ = false;
+  double level_frac_ = 1;
+  bool drops_next_record_ = false;
+  rig::HostTime silent_until_;
   bool is_lost_ = false;
 };
 

@@ -698,6 +698,8 @@ void GlfwProjector::serve_requests(const std::stop_token& stop) {
     const Requests::Request request = requests_->take();
     if (std::holds_alternative<std::monostate>(request)) return;
     if (const auto* show = std::get_if<ShowRequest>(&request)) {
+      watch_display();  // the frames of the picture before hang on it
+      if (requests_->state() == Requests::State::kChanged) return;
       const HostTime swapped = window_->show(*show);
       if (!window_->is_server_gone()) sink_.post(PictureShown{show->show_id, swapped});
     } else {

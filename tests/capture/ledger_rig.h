@@ -61,28 +61,34 @@ class IdentityKeeper final : public FrameConsumer {
   std::optional<std::string> injected_failure;
 };
 
-// Is this frame what its slot says: lit by that pattern and nothing else, for that bracket's time,
-// by the pulse of the evidence?
-inline bool is_its_slots(const IdentityKeeper::Kept& kept,
-                         const std::vector<std::chrono::microseconds>& exposures) {
-  const hw_sim::FrameIdentity& identity = kept.identity;
-  const SlotId slot = kept.captured.slot;
-  if (identity.light.size() != 1) return false;
-  const hw_sim::ShownPicture shown = hw_sim::shown_picture(identity.light[0].picture_id);
-  return shown.picture == slot.pattern &&
-         shown.is_square_light == kept.captured.evidence.is_light &&
-         identity.exposure == exposures[static_cast<std::size_t>(slot.bracket)] &&
-         identity.light[0].duration == identity.exposure;
+// A fault at the showing of a slot, as long as nothing before it is retaken.
+inline hw_sim::PlannedFault fault_at(hw_sim::FaultKind kind, int showing, int bracket = 0,
+                                     int count = 1) {
+  hw_sim::PlannedFault fault = hw_sim::default_fault(kind);
+  fault.place = hw_sim::FaultPlace{showing, bracket};
+  fault.count = count;
+  return fault;
 }
 
 struct LedgerCapture {
-  explicit LedgerCapture(const hw_sim::SimFaults& faults = {},
+  explicit LedgerCapture(const hw_sim::FaultPlan& faults = {},
                          const rig::RigFile& rig_file_in = ledger_rig_file(),
                          const hw_sim::CameraTiming& camera_timing = {})
       : rig_file(rig_file_in),
         plan(ledger_plan(rig_file)),
         rig(world,
-            {rig_file.projector, rig_file.trigger, rig_file.camera, {}, camera_timing, faults}) {}
+            {rig_file.projector, rig_file.trigger, rig_file.camera, {}, camera_timing, faults}) {
+    const int left_px = rig_file.projector.width_px - rig_file.projector.sync_square.size_px;
+    const int top_px = rig_file.projector.height_px - rig_file.projector.sync_square.size_px;
+    for (auto& picture : render_pictures(plan, rig_file.projector)) {
+      for (const int level : {0, 255}) {
+        for (int row = top_px; row < picture.height_px(); ++row)
+          for (int col = left_px; col < picture.width_px(); ++col)
+            picture.at(row, col) = static_cast<unsigned char>(level);
+        picture_hashes.push_back(hw_sim::content_hash(picture));
+      }
+    }
+  }
 
   RunResult run(const std::stop_token& stop = {}, const OnTransition& also = {}) {
     const double refresh_hz = rig.projector().report().measured_refresh_hz;
@@ -95,11 +101,25 @@ struct LedgerCapture {
                        });
   }
 
+  // Is this frame what its slot says: lit by that pattern and nothing else, to the last pixel, for
+  // that bracket's time?
+  bool is_its_slots(const IdentityKeeper::Kept& kept) const {
+    const hw_sim::FrameIdentity& identity = kept.identity;
+    const SlotId slot = kept.captured.slot;
+    const auto picture =
+        static_cast<std::size_t>(2 * slot.pattern) + (kept.captured.evidence.is_light ? 1U : 0U);
+    return identity.light.size() == 1 &&
+           hw_sim::shown_picture(identity.light[0].picture_id).picture == slot.pattern &&
+           identity.light[0].content_hash == picture_hashes[picture] &&
+           identity.exposure == plan.exposures[static_cast<std::size_t>(slot.bracket)] &&
+           identity.light[0].duration == identity.exposure;
+  }
+
   // Frames handed to the consumer that are not what their slot says.
   int wrong_frame_count() const {
     int count = keeper.frame_count - static_cast<int>(keeper.frames.size());
     for (const auto& kept : keeper.frames)
-      if (!is_its_slots(kept, plan.exposures)) ++count;
+      if (!is_its_slots(kept)) ++count;
     return count;
   }
 
@@ -109,6 +129,7 @@ struct LedgerCapture {
   hw_sim::InProcessRig rig;
   IdentityKeeper keeper;
   std::map<Incident, int> incidents;
+  std::vector<std::uint64_t> picture_hashes;  // [2 * pattern + is square light]
 };
 
 }  // namespace capture

@@ -153,10 +153,16 @@ TEST_F(SequenceTest, GoesThroughItsStatesAndFillsEverySlot) {
   expose();
   EXPECT_EQ(shown_.picture, 1) << "the next one while the frames of this one travel";
   frames();
-  EXPECT_THAT(kept_, testing::ElementsAre(SlotId{0, 0}, SlotId{0, 1}));
+  EXPECT_THAT(kept_, testing::IsEmpty()) << "was the display still as opened?";
   expose();
+  EXPECT_THAT(kept_, testing::ElementsAre(SlotId{0, 0}, SlotId{0, 1}));
   EXPECT_EQ(phase(), "collecting");
   frames();
+  EXPECT_EQ(phase(), "confirming");
+  EXPECT_EQ(shown_.picture, rig::kBlackPicture);
+  EXPECT_TRUE(shown_.is_square_light) << "no edge now";
+  swap();
+  EXPECT_EQ(kept_.size(), 4U);
   EXPECT_EQ(phase(), "blackening");
   EXPECT_TRUE(did_disarm());
   tell(rig::PictureShown{shown_.show_id, now_});
@@ -249,7 +255,6 @@ TEST_F(SequenceTest, FrameThatDoesNotComeIsRetaken) {
   expose();  // pattern 0, no frames
   expose();  // pattern 1
   frames();
-  EXPECT_THAT(kept_, testing::ElementsAre(SlotId{1, 0}, SlotId{1, 1}));
   time_out();
   ASSERT_FALSE(reacted_.empty());
   EXPECT_EQ(reacted_[0].finding.incident, Incident::kFrameMissing);
@@ -258,10 +263,40 @@ TEST_F(SequenceTest, FrameThatDoesNotComeIsRetaken) {
   EXPECT_EQ(phase(), "showing");
   EXPECT_EQ(shown_.picture, 0);
   expose();
+  EXPECT_THAT(kept_, testing::ElementsAre(SlotId{1, 0}, SlotId{1, 1}));
   frames();
+  swap();
   EXPECT_EQ(phase(), "blackening");
   EXPECT_EQ(state_.outcome, Outcome::kComplete);
   EXPECT_EQ(kept_.size(), 4U);
+}
+
+TEST_F(SequenceTest, DisplayThatChangedAfterTheLastPatternTakesItsFramesAlong) {
+  arm();
+  prime();
+  expose();
+  frames();
+  expose();
+  frames();
+  EXPECT_EQ(phase(), "confirming");
+  tell(rig::DeviceFault{rig::Device::kProjector, {rig::Fault::kDisplayChanged, "gamma"}});
+  EXPECT_THAT(kept_, testing::ElementsAre(SlotId{0, 0}, SlotId{0, 1}));
+  EXPECT_FALSE(state_.ledger.is_filled(1));
+  EXPECT_NE(state_.outcome, Outcome::kComplete);
+}
+
+TEST_F(SequenceTest, BlackAfterTheLastPatternThatIsNeverShownIsARestart) {
+  arm();
+  prime();
+  expose();
+  frames();
+  expose();
+  frames();
+  time_out();
+  ASSERT_EQ(reacted_.size(), 1U);
+  EXPECT_EQ(reacted_[0].finding.incident, Incident::kPictureNotShown);
+  EXPECT_EQ(phase(), "darkening");
+  EXPECT_FALSE(state_.ledger.is_filled(1));
 }
 
 TEST_F(SequenceTest, NextPatternWaitsWhileFramesOfTheOneBeforeLastAreOut) {

@@ -25,7 +25,7 @@ class SimTriggerRig final : public trigger_contract::TriggerRig {
   }
 
  private:
-  hw_sim::SimFaults faults_;
+  hw_sim::FaultSchedule faults_;
   hw_sim::Timeline timeline_;
   hw_sim::SimTrigger trigger_{trigger_contract::settings(), faults_, timeline_,
                               [](const hw_sim::LinePulse&) {}};
@@ -52,7 +52,7 @@ class SimCameraBench final : public CameraBench {
   std::chrono::microseconds readout() const override { return hw_sim::CameraTiming{}.readout; }
 
  private:
-  hw_sim::SimFaults faults_;
+  hw_sim::FaultSchedule faults_;
   hw_sim::Timeline timeline_;
   hw_sim::LedgerWorld world_;
   hw_sim::LightTimeline light_;
@@ -70,10 +70,11 @@ struct SimProjectorFixture {
     return settings;
   }
   void run(const std::function<void(rig::Projector&, rig::EventSource&)>& body) {
-    hw_sim::SimFaults faults;
+    hw_sim::FaultSchedule faults;
     hw_sim::Timeline timeline;
-    hw_sim::SimProjector projector(settings(), {}, faults, timeline,
-                                   [](const std::shared_ptr<const hw_sim::Picture>&, bool) {});
+    hw_sim::SimProjector projector(
+        settings(), {}, faults, timeline,
+        [](const std::shared_ptr<const hw_sim::Picture>&, bool, const hw_sim::FlipFaults&) {});
     body(projector, timeline);
   }
 };

@@ -1,0 +1,192 @@
+#include "tests/capture/fault_matrix.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <stop_token>
+
+namespace capture {
+namespace {
+
+using hw_sim::FaultKind;
+using hw_sim::FaultSite;
+using std::chrono::duration_cast;
+using std::chrono::milliseconds;
+
+// A capture of 176 frames has some 900 transitions.
+constexpr int kTransitionLimit = 100'000;
+constexpr char kBegin[] = "<!-- fault matrix: begin -->\n";
+constexpr char kEnd[] = "<!-- fault matrix: end -->\n";
+
+std::string joined(const std::set<std::string>& words) {
+  std::string text;
+  for (const std::string& word : words) text.append(text.empty() ? "" : ", ").append(word);
+  return text.empty() ? "nothing" : text;
+}
+
+std::string seconds(milliseconds duration) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.2f s", static_cast<double>(duration.count()) / 1000);
+  return text;
+}
+
+rig::RigFile rig_file_of(rig::Bracketing bracketing) {
+  rig::RigFile rig_file = ledger_rig_file();
+  rig_file.camera.bracketing = bracketing;
+  return rig_file;
+}
+
+MatrixCell run_cell(FaultKind kind, std::size_t place, rig::Bracketing bracketing) {
+  MatrixCell cell{kind, place, bracketing, {}};
+  const int showing = matrix_places()[place].showing;
+  if (showing == hw_sim::kIdle && !hw_sim::is_possible_idle(kind)) return cell;
+  const int bracket_count =
+      hw_sim::site_of(kind) == FaultSite::kShot && showing != hw_sim::kIdle ? 2 : 1;
+  for (int bracket = 0; bracket < bracket_count; ++bracket) {
+    for (const bool has_chunks : {true, false}) {
+      if (!has_chunks && bracketing == rig::Bracketing::kSequencer) continue;  // refused at arming
+      hw_sim::CameraTiming timing;
+      timing.has_chunks = has_chunks;
+      cell.trials.push_back(try_faults({.faults = {fault_at(kind, showing, bracket)}},
+                                       rig_file_of(bracketing), timing));
+    }
+  }
+  return cell;
+}
+
+const MatrixCell* find(const std::vector<MatrixCell>& cells, FaultKind kind, std::size_t place,
+                       rig::Bracketing bracketing) {
+  for (const MatrixCell& cell : cells)
+    if (cell.kind == kind && cell.place == place && cell.bracketing == bracketing) return &cell;
+  return nullptr;
+}
+
+std::string outcome_text(const MatrixCell& cell, milliseconds faultless) {
+  if (cell.trials.empty()) return "-";
+  milliseconds longest{0};
+  int failed_count = 0;
+  for (const Trial& trial : cell.trials) {
+    longest = std::max(longest, trial.duration - faultless);
+    if (trial.outcome != Outcome::kComplete) ++failed_count;
+  }
+  if (failed_count == static_cast<int>(cell.trials.size())) return "failed";
+  std::string text("+");
+  text.append(longest > milliseconds(0) ? seconds(longest) : "0");
+  if (failed_count > 0)
+    text.append(", ")
+        .append(std::to_string(failed_count))
+        .append(" of ")
+        .append(std::to_string(cell.trials.size()))
+        .append(" failed");
+  return text;
+}
+
+std::string row(const std::vector<MatrixCell>& cells, FaultKind kind, rig::Bracketing bracketing,
+                milliseconds faultless) {
+  std::set<std::string> detected, done;
+  std::string outcomes;
+  for (std::size_t place = 0; place < matrix_places().size(); ++place) {
+    const MatrixCell& cell = *find(cells, kind, place, bracketing);
+    for (const Trial& trial : cell.trials) {
+      detected.insert(trial.detected.begin(), trial.detected.end());
+      done.insert(trial.done.begin(), trial.done.end());
+    }
+    outcomes.append(" ").append(outcome_text(cell, faultless)).append(" |");
+  }
+  return std::string("| ")
+      .append(to_string(kind))
+      .append(" | ")
+      .append(joined(detected))
+      .append(" | ")
+      .append(joined(done))
+      .append(" |")
+      .append(outcomes)
+      .append("\n");
+}
+
+}  // namespace
+
+Trial try_faults(const hw_sim::FaultPlan& plan, const rig::RigFile& rig_file,
+                 const hw_sim::CameraTiming& camera_timing) {
+  LedgerCapture capture(plan, rig_file, camera_timing);
+  Trial trial;
+  std::stop_source stop;
+  int transition_count = 0;
+  const rig::HostTime start = capture.rig.timeline().now();
+  const RunResult result = capture.run(stop.get_token(), [&](const Transition& transition) {
+    for (const Reacted& reacted : transition.reacted) {
+      trial.detected.emplace(to_string(reacted.finding.incident));
+      trial.done.emplace(to_string(reacted.reaction));
+    }
+    if (++transition_count > kTransitionLimit) stop.request_stop();
+  });
+  trial.duration = duration_cast<milliseconds>(capture.rig.timeline().now() - start);
+  trial.outcome = result.outcome;
+  trial.wrong_frame_count = capture.wrong_frame_count();
+  trial.is_falsely_complete =
+      result.outcome == Outcome::kComplete && capture.keeper.frames.size() != result.slots.size();
+  trial.is_hung = result.outcome == Outcome::kAborted;
+  if (result.failure) trial.text = result.failure->text;
+  return trial;
+}
+
+const std::vector<MatrixPlace>& matrix_places() {
+  static const std::vector<MatrixPlace> places = {
+      {"idle", hw_sim::kIdle},
+      {"priming", hw_sim::kPrimingShowing},
+      {"first slot", hw_sim::showing_of_slot(0)},
+      {"middle slot", hw_sim::showing_of_slot(43)},
+      {"last slot", hw_sim::showing_of_slot(87)},
+  };
+  return places;
+}
+
+std::vector<MatrixCell> run_fault_matrix() {
+  std::vector<MatrixCell> cells;
+  for (const auto bracketing : {rig::Bracketing::kSequencer, rig::Bracketing::kTriggerWidth})
+    for (int kind = 0; kind < hw_sim::kFaultKindCount; ++kind)
+      for (std::size_t place = 0; place < matrix_places().size(); ++place)
+        cells.push_back(run_cell(static_cast<FaultKind>(kind), place, bracketing));
+  return cells;
+}
+
+std::string fault_matrix_table(const std::vector<MatrixCell>& cells) {
+  std::string text;
+  std::size_t trial_count = 0;
+  for (const MatrixCell& cell : cells) trial_count += cell.trials.size();
+  for (const auto bracketing : {rig::Bracketing::kSequencer, rig::Bracketing::kTriggerWidth}) {
+    const milliseconds faultless = try_faults({}, rig_file_of(bracketing)).duration;
+    text += std::string("Bracketing by ") +
+            (bracketing == rig::Bracketing::kSequencer ? "the camera's sequencer"
+                                                       : "the pulse's width") +
+            ", sync mode trigger_box; without a fault a capture takes " + seconds(faultless) +
+            ".\n\n| fault | detected | done |";
+    for (const MatrixPlace& place : matrix_places())
+      text.append(" ").append(place.name).append(" |");
+    text += "\n|---|---|---|";
+    for (std::size_t i = 0; i < matrix_places().size(); ++i) text += "---|";
+    text += "\n";
+    for (int kind = 0; kind < hw_sim::kFaultKindCount; ++kind)
+      text += row(cells, static_cast<FaultKind>(kind), bracketing, faultless);
+    text += "\n";
+  }
+  int wrong_count = 0, false_count = 0, hung_count = 0;
+  for (const MatrixCell& cell : cells) {
+    for (const Trial& trial : cell.trials) {
+      wrong_count += trial.wrong_frame_count;
+      false_count += trial.is_falsely_complete ? 1 : 0;
+      hung_count += trial.is_hung ? 1 : 0;
+    }
+  }
+  return text + std::to_string(trial_count) +
+         " captures. Frames assigned to a wrong slot: " + std::to_string(wrong_count) +
+         ". Hangs: " + std::to_string(hung_count) +
+         ". Captures called complete that are not: " + std::to_string(false_count) + ".\n";
+}
+
+std::string with_fault_matrix(const std::string& readme, const std::string& table) {
+  const std::size_t begin = readme.find(kBegin), end = readme.find(kEnd);
+  if (begin == std::string::npos || end == std::string::npos) return readme;
+  return readme.substr(0, begin) + kBegin + table + readme.substr(end);
+}
+
+}  // namespace capture

@@ -1,0 +1,49 @@
+// Every fault of hw_sim at the first, a middle and the last slot, at the priming and while idle:
+// what capture makes of it, in the ledger world, where every frame says itself whose it is.
+#pragma once
+
+#include <chrono>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "tests/capture/ledger_rig.h"
+
+namespace capture {
+
+// One capture under a plan of faults.
+struct Trial {
+  Outcome outcome = Outcome::kFailed;
+  std::set<std::string> detected;         // incidents
+  std::set<std::string> done;             // reactions
+  std::chrono::milliseconds duration{0};  // virtual
+  int wrong_frame_count = 0;
+  bool is_falsely_complete = false;
+  bool is_hung = false;
+  std::string text;  // why it failed
+};
+Trial try_faults(const hw_sim::FaultPlan& plan, const rig::RigFile& rig_file,
+                 const hw_sim::CameraTiming& camera_timing = {});
+
+struct MatrixPlace {
+  std::string name;
+  int showing = 0;
+};
+const std::vector<MatrixPlace>& matrix_places();
+
+struct MatrixCell {
+  hw_sim::FaultKind kind = hw_sim::FaultKind::kFrameLost;
+  std::size_t place = 0;  // of matrix_places()
+  rig::Bracketing bracketing = rig::Bracketing::kSequencer;
+  std::vector<Trial> trials;  // a bracket each, with and without chunks; empty: cannot happen there
+};
+
+// All cells, and the captures behind them.
+std::vector<MatrixCell> run_fault_matrix();
+// As Markdown.
+std::string fault_matrix_table(const std::vector<MatrixCell>& cells);
+
+// `readme` with the table between its marks replaced; unchanged without marks.
+std::string with_fault_matrix(const std::string& readme, const std::string& table);
+
+}  // namespace capture

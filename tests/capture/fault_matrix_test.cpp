@@ -1,0 +1,85 @@
+// The promise, fault by fault: complete and right, or failed with its cause; and the table of it.
+#include "tests/capture/fault_matrix.h"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <iterator>
+#include <random>
+
+namespace capture {
+namespace {
+
+void expect_promise(const Trial& trial) {
+  EXPECT_EQ(trial.wrong_frame_count, 0);
+  EXPECT_FALSE(trial.is_falsely_complete);
+  EXPECT_FALSE(trial.is_hung);
+  if (trial.outcome == Outcome::kFailed) {
+    EXPECT_FALSE(trial.text.empty());
+  }
+}
+
+TEST(FaultMatrix, KeepsThePromiseAndIsTheTableOfTheReadme) {
+  const std::vector<MatrixCell> cells = run_fault_matrix();
+  for (const MatrixCell& cell : cells) {
+    SCOPED_TRACE(std::string(to_string(cell.kind)) + ", " + matrix_places()[cell.place].name);
+    for (const Trial& trial : cell.trials) expect_promise(trial);
+  }
+  std::ifstream in(TESTS_README);
+  const std::string readme{std::istreambuf_iterator<char>(in), {}};
+  EXPECT_EQ(with_fault_matrix(readme, fault_matrix_table(cells)), readme)
+      << "run fault_matrix_table tests/README.md";
+}
+
+// Several faults of any kind anywhere; those that a device does not come back from are left out.
+hw_sim::FaultPlan random_plan(std::mt19937_64& random) {
+  hw_sim::FaultPlan plan{.seed = random(), .faults = {}};
+  for (std::uint64_t k = random() % 8; k > 0; --k) {
+    const auto kind = static_cast<hw_sim::FaultKind>(random() % hw_sim::kFaultKindCount);
+    if (kind >= hw_sim::FaultKind::kUsbUnplugged) continue;
+    auto fault = fault_at(kind, static_cast<int>(random() % 90), static_cast<int>(random() % 2),
+                          1 + static_cast<int>(random() % 2));
+    if (fault.duration.count() > 0) fault.duration = std::chrono::milliseconds(1 + random() % 2000);
+    if (random() % 8 == 0) {
+      fault.place.reset();
+      fault.rate_frac = 0.003;
+      fault.count = 5;
+    }
+    plan.faults.push_back(fault);
+  }
+  return plan;
+}
+
+TEST(FaultMatrix, RandomFaultsEndCompleteOrFailedButNeverWrong) {
+  int complete_count = 0;
+  constexpr int kCaptureCount = 1000;
+  for (int seed = 0; seed < kCaptureCount; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    std::mt19937_64 random(static_cast<std::uint64_t>(seed));
+    rig::RigFile rig_file = ledger_rig_file();
+    if (random() % 2 == 0) rig_file.camera.bracketing = rig::Bracketing::kTriggerWidth;
+    hw_sim::CameraTiming timing;
+    if (rig_file.camera.bracketing == rig::Bracketing::kTriggerWidth)
+      timing.has_chunks = random() % 2 == 0;
+    const Trial trial = try_faults(random_plan(random), rig_file, timing);
+    expect_promise(trial);
+    if (HasFailure()) return;
+    if (trial.outcome == Outcome::kComplete) ++complete_count;
+  }
+  EXPECT_GT(complete_count, kCaptureCount * 9 / 10);
+}
+
+TEST(FaultMatrix, SamePlanSameCapture) {
+  for (std::uint64_t seed = 1; seed < 6; ++seed) {
+    std::mt19937_64 first(seed), second(seed);
+    const Trial a = try_faults(random_plan(first), ledger_rig_file());
+    const Trial b = try_faults(random_plan(second), ledger_rig_file());
+    EXPECT_EQ(a.duration, b.duration);
+    EXPECT_EQ(a.detected, b.detected);
+    EXPECT_EQ(a.done, b.done);
+    EXPECT_EQ(a.outcome, b.outcome);
+  }
+}
+
+}  // namespace
+}  // namespace capture
