@@ -19,6 +19,7 @@
 #include <hwy/highway.h>
 
 #include "estimation/profile/batch_model-inl.h"
+#include "estimation/profile/batch_normal-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace estimation::HWY_NAMESPACE {
@@ -45,85 +46,6 @@ constexpr int kMostSteps = 12;
 constexpr float kGreatestCorrection = 0.5F;
 // Thresholds that single precision may see on the wrong side are for fit_pixel.
 constexpr float kMargin = 0.02F;
-// Of a pivot over its diagonal: below, single precision has lost its digits.
-constexpr float kLeastPivot = 1e-5F;
-
-// Sums over the samples of the normal equations in (t, ln l, phase, mean level).
-struct Sums {
-  V w, t, l, p, tt, tl, tp, ll, lp, pp, e, et, el, ep, ee;
-};
-
-HWY_INLINE void clear(Sums& s) {
-  const V zero = hn::Zero(D());
-  s = {zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero};
-}
-
-// To 1e-6 or better: of a weight that is plenty.
-HWY_INLINE V reciprocal(V value) {
-  const V guess = hn::ApproximateReciprocal(value);
-  return hn::Mul(guess, hn::NegMulAdd(value, guess, hn::Set(D(), 2.0F)));
-}
-
-// One sample: the model's value there with its derivatives, and what was measured (NaN: nothing).
-// Returns its weight.
-template <bool kHasLost>
-HWY_INLINE V add_sample(const NoiseOfPixel& noise, const Sample& model, V measured, Sums& s) {
-  V w = reciprocal(noise.variance(model.value));
-  V residual = hn::Sub(measured, model.value);
-  if constexpr (kHasLost) {
-    const M is_there = hn::Eq(measured, measured);
-    w = hn::IfThenElseZero(is_there, w);
-    residual = hn::IfThenElseZero(is_there, residual);
-  }
-  const V wt = hn::Mul(w, model.by_logit), wl = hn::Mul(w, model.by_log),
-          wp = hn::Mul(w, model.by_phase), we = hn::Mul(w, residual);
-  s.w = hn::Add(s.w, w);
-  s.t = hn::Add(s.t, wt);
-  s.l = hn::Add(s.l, wl);
-  s.p = hn::Add(s.p, wp);
-  s.e = hn::Add(s.e, we);
-  s.tt = hn::MulAdd(wt, model.by_logit, s.tt);
-  s.tl = hn::MulAdd(wt, model.by_log, s.tl);
-  s.tp = hn::MulAdd(wt, model.by_phase, s.tp);
-  s.ll = hn::MulAdd(wl, model.by_log, s.ll);
-  s.lp = hn::MulAdd(wl, model.by_phase, s.lp);
-  s.pp = hn::MulAdd(wp, model.by_phase, s.pp);
-  s.et = hn::MulAdd(we, model.by_logit, s.et);
-  s.el = hn::MulAdd(we, model.by_log, s.el);
-  s.ep = hn::MulAdd(we, model.by_phase, s.ep);
-  s.ee = hn::MulAdd(we, residual, s.ee);
-  return w;
-}
-
-// What a vector of pixels brings along.
-struct Pixels {
-  V position_px;  // less origin and half a stripe, in [0, P)
-  V level;        // f_0 (d + b)
-  V noise_sd;     // of the darkest sample
-  NoiseOfPixel noise;
-  V measured[kMostBatchSamples];  // reflectance factors by j; NaN: lost
-  V present;                      // how many are not
-  M is_usual;                     // nothing for fit_pixel so far
-  bool has_lost;
-};
-
-// The unknowns of the search; `mean` is that of the samples, level * (R_d + B).
-struct State {
-  V logit, log, mean, phase_px;
-};
-
-struct Reflectance {
-  V value, slope;  // R_d and dR_d/dt
-};
-
-HWY_INLINE Reflectance reflectance_at(V logit) {
-  const D d;
-  const V one = hn::Set(d, 1.0F);
-  const V decline = hn::Exp(d, hn::Neg(hn::Abs(logit)));
-  const V small = hn::Div(decline, hn::Add(one, decline));  // R_d or 1 - R_d, the lesser
-  const V large = hn::Div(one, hn::Add(one, decline));
-  return {hn::IfThenElse(hn::Lt(logit, hn::Zero(d)), small, large), hn::Mul(small, large)};
-}
 
 HWY_INLINE void load_pixels(const BatchPlan& plan, const SweepBasis& basis, const PixelBatch& batch,
                             std::size_t first, Pixels& pixels) {
@@ -291,76 +213,6 @@ HWY_INLINE Start start(const BatchPlan& plan, const SweepBasis& basis, const Pix
   }
   look_up(*plan.start, hn::Log(d, height1), y, s.state);
   return s;
-}
-
-// The normal equations solved without the mean, whose row is eliminated.
-struct Solution {
-  V pp, tp, lp, tt, tl, ll;  // covariance of phase, t, ln l
-  V t, l, p, mean;           // the step
-  V length;                  // squared, in standard deviations; also the descent of chi-square
-  V mean_t, mean_l, mean_p;  // what the mean loses per unit of each
-  M is_definite;
-};
-
-HWY_INLINE Solution solve(const BatchPlan& plan, Sums s, V mean_slope) {
-  const D d;
-  Solution x;
-  const V per_w = hn::Div(hn::Set(d, 1.0F), s.w);
-  V e = s.e;
-  if (plan.is_free) {
-    x.mean_t = hn::Mul(s.t, per_w);
-    x.mean_l = hn::Mul(s.l, per_w);
-    x.mean_p = hn::Mul(s.p, per_w);
-    s.tt = hn::NegMulAdd(s.t, x.mean_t, s.tt);
-    s.tl = hn::NegMulAdd(s.t, x.mean_l, s.tl);
-    s.tp = hn::NegMulAdd(s.t, x.mean_p, s.tp);
-    s.ll = hn::NegMulAdd(s.l, x.mean_l, s.ll);
-    s.lp = hn::NegMulAdd(s.l, x.mean_p, s.lp);
-    s.pp = hn::NegMulAdd(s.p, x.mean_p, s.pp);
-    s.et = hn::NegMulAdd(e, x.mean_t, s.et);
-    s.el = hn::NegMulAdd(e, x.mean_l, s.el);
-    s.ep = hn::NegMulAdd(e, x.mean_p, s.ep);
-  } else {
-    // The mean follows t; its column joins that of t.
-    x.mean_t = x.mean_l = x.mean_p = hn::Zero(d);
-    s.tt = hn::MulAdd(mean_slope, hn::MulAdd(mean_slope, s.w, hn::Add(s.t, s.t)), s.tt);
-    s.tl = hn::MulAdd(mean_slope, s.l, s.tl);
-    s.tp = hn::MulAdd(mean_slope, s.p, s.tp);
-    s.et = hn::MulAdd(mean_slope, e, s.et);
-  }
-  // L D L^T in the order phase, t, ln l.
-  const V one = hn::Set(d, 1.0F);
-  const V per_p = hn::Div(one, s.pp);
-  const V tp = hn::Mul(s.tp, per_p), lp = hn::Mul(s.lp, per_p);
-  const V pivot_t = hn::NegMulAdd(tp, s.tp, s.tt);
-  const V tl_left = hn::NegMulAdd(lp, s.tp, s.tl);
-  const V per_t = hn::Div(one, pivot_t);
-  const V lt = hn::Mul(tl_left, per_t);
-  const V pivot_l = hn::NegMulAdd(lt, tl_left, hn::NegMulAdd(lp, s.lp, s.ll));
-  const V per_l = hn::Div(one, pivot_l);
-  const V least = hn::Set(d, kLeastPivot);
-  x.is_definite = hn::And(
-      hn::And(hn::Gt(s.pp, hn::Zero(d)), hn::Gt(s.w, hn::Zero(d))),
-      hn::And(hn::Gt(pivot_t, hn::Mul(least, s.tt)), hn::Gt(pivot_l, hn::Mul(least, s.ll))));
-  const V q = hn::MulSub(tp, lt, lp);
-  x.ll = per_l;
-  x.tl = hn::Neg(hn::Mul(lt, per_l));
-  x.tt = hn::NegMulAdd(lt, x.tl, per_t);
-  x.lp = hn::Mul(q, per_l);
-  x.tp = hn::NegMulAdd(tp, per_t, hn::Mul(q, x.tl));
-  x.pp = hn::MulAdd(q, x.lp, hn::MulAdd(hn::Mul(tp, tp), per_t, per_p));
-  x.t = hn::MulAdd(x.tt, s.et, hn::MulAdd(x.tl, s.el, hn::Mul(x.tp, s.ep)));
-  x.l = hn::MulAdd(x.tl, s.et, hn::MulAdd(x.ll, s.el, hn::Mul(x.lp, s.ep)));
-  x.p = hn::MulAdd(x.tp, s.et, hn::MulAdd(x.lp, s.el, hn::Mul(x.pp, s.ep)));
-  x.length = hn::MulAdd(x.t, s.et, hn::MulAdd(x.l, s.el, hn::Mul(x.p, s.ep)));
-  x.mean = hn::Zero(d);
-  if (plan.is_free) {
-    const V own = hn::Mul(e, per_w);
-    x.length = hn::MulAdd(own, e, x.length);
-    x.mean = hn::NegMulAdd(x.mean_t, x.t,
-                           hn::NegMulAdd(x.mean_l, x.l, hn::NegMulAdd(x.mean_p, x.p, own)));
-  }
-  return x;
 }
 
 struct Outcome {

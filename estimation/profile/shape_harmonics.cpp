@@ -20,11 +20,6 @@ constexpr double kTruncation = 15;
 
 double reflectance_at(double logit) { return 1 / (1 + std::exp(-logit)); }
 
-double envelope_of(const FitProblem& problem, std::size_t n) {
-  const double angle = std::numbers::pi * static_cast<double>(n);
-  return std::sin(angle * problem.shape.width_px / problem.shape.period_px) / angle;
-}
-
 }  // namespace
 
 bool ShapeHarmonics::evaluate(const FitProblem& problem, int most, ShapePoint shape,
@@ -94,6 +89,16 @@ bool ShapeHarmonics::from_model(const FitProblem& problem, int most, ShapePoint 
   return true;
 }
 
+// sinc(n d) d, kept while the stripes are the same.
+void ShapeHarmonics::grow_envelope(StripeShape stripes, std::size_t count) {
+  if (stripes != envelope_of_) envelope_.clear();
+  envelope_of_ = stripes;
+  while (envelope_.size() < count) {
+    const double angle = std::numbers::pi * static_cast<double>(envelope_.size() + 1);
+    envelope_.push_back(std::sin(angle * stripes.width_px / stripes.period_px) / angle);
+  }
+}
+
 // k l_d of harmonics before + 1 .. before + count at each of these offsets of ln l_d.
 // [offset][harmonic]
 void ShapeHarmonics::set_waves(const FitProblem& problem, ShapePoint shape, std::size_t before,
@@ -120,9 +125,10 @@ bool ShapeHarmonics::append_from_model(const FitProblem& problem, ShapePoint sha
   problem.model->transform(reflectance_at(shape.logit_reflectance), waves_, plain_);
   problem.model->transform(reflectance_at(shape.logit_reflectance - h), waves, lower_);
   problem.model->transform(reflectance_at(shape.logit_reflectance + h), waves, upper_);
+  grow_envelope(problem.shape, before + count);
   double sum = 0;
   for (std::size_t i = 0; i < count; ++i) {
-    const double envelope = envelope_of(problem, before + i + 1);
+    const double envelope = envelope_[before + i];
     value_.push_back(envelope * plain_[i]);
     by_log_.push_back(envelope * (plain_[2 * count + i] - plain_[count + i]) / (2 * h));
     by_logit_.push_back(envelope * (upper_[i] - lower_[i]) / (2 * h));
@@ -171,7 +177,7 @@ bool ShapeHarmonics::curvature_of_model(const FitProblem& problem, ShapePoint sh
   for (std::vector<double>* values : {&by_logit_2_, &by_both_, &by_log_2_}) values->resize(count);
   double sum = 0;
   for (std::size_t i = 0; i < count; ++i) {
-    const double scale = envelope_of(problem, i + 1) / (h * h);
+    const double scale = envelope_[i] / (h * h);
     const std::size_t less = count + i, more = 2 * count + i;
     by_logit_2_[i] = scale * (upper_[i] - 2 * plain_[i] + lower_[i]);
     by_log_2_[i] = scale * (plain_[more] - 2 * plain_[i] + plain_[less]);

@@ -43,12 +43,15 @@ class ShapeHarmonics {
   bool append_from_model(const FitProblem& problem, ShapePoint shape, std::size_t count);
   void curvature_between_nodes(const HarmonicTable& table, ShapePoint shape);
   bool curvature_of_model(const FitProblem& problem, ShapePoint shape);
+  void grow_envelope(StripeShape stripes, std::size_t count);
   void set_waves(const FitProblem& problem, ShapePoint shape, std::size_t before, std::size_t count,
                  std::span<const double> log_offsets);
 
   bool is_cut_off_ = false, is_of_table_ = false;
   std::vector<double> value_, by_logit_, by_log_;
   std::vector<double> by_logit_2_, by_both_, by_log_2_;
+  StripeShape envelope_of_;
+  std::vector<double> envelope_;
   std::vector<double> waves_, plain_, lower_, upper_;
 };
 
