@@ -10,11 +10,15 @@ namespace hw_sim {
 
 enum ExitCode { kExitDone = 0, kExitFailed = 1, kExitUsage = 2, kExitDevice = 3 };
 
+// The scene of 64 x 48 px of identity instead of a head: whose every frame is, without truth.
+inline constexpr const char* kLedgerScene = "ledger";
+
 struct RunOptions {
   std::filesystem::path rig_file;
   std::string scene = "face_female";
   bool has_indirect = true;
   std::filesystem::path effects_file;  // empty: perfect optics, nobody moves
+  std::filesystem::path faults_file;   // empty: nothing goes wrong
   bool is_dipole = false;              // the paper's model in place of Monte Carlo
   std::uint64_t seed = 1;
   std::vector<std::string> command;

@@ -18,6 +18,7 @@ std::vector<std::string> all_scene_names() {
   std::vector<std::string> names = hw_sim::scene_names();
   const std::vector<std::string> targets = hw_sim::target_scene_names();
   names.insert(names.end(), targets.begin(), targets.end());
+  names.emplace_back(hw_sim::kLedgerScene);
   return names;
 }
 
@@ -37,6 +38,8 @@ void add_run(CLI::App& app, hw_sim::RunOptions& options, RunWords& words) {
       ->capture_default_str();
   run->add_option("--effects", options.effects_file,
                   "TOML file of what optics, room and subject do: config/effects.example.toml");
+  run->add_option("--faults", options.faults_file,
+                  "TOML file of what goes wrong, where: config/faults.example.toml");
   run->add_option("--seed", options.seed, "Of the sensor's noise")->capture_default_str();
   run->add_option("COMMAND", options.command, "After --: the command and its arguments")
       ->required();

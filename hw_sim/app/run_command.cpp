@@ -16,7 +16,10 @@
 #include "hw_sim/app/session_watch.h"
 #include "hw_sim/app/show_progress.h"
 #include "hw_sim/app/virtual_rig.h"
+#include "hw_sim/devices/ledger_world.h"
 #include "hw_sim/display/child_process.h"
+#include "hw_sim/faults/fault_plan.h"
+#include "hw_sim/faults/fault_schedule.h"
 #include "hw_sim/world/board_world.h"
 #include "hw_sim/world/head_world.h"
 #include "hw_sim/world/simulated_rig.h"
@@ -52,9 +55,21 @@ rig::Result<Stage> make_targets(const estimation::CameraInfo& camera,
                [&made](const auto& folder, std::size_t n) { return made.write_truth(folder, n); }};
 }
 
+rig::Result<Stage> make_ledger(const rig::RigFile& rig) {
+  if (rig.camera.width_px != LedgerWorld::kWidthPx ||
+      rig.camera.height_px != LedgerWorld::kHeightPx || rig.camera.pixel_format != "Mono16")
+    return rig::failure(rig::Fault::kConfiguration,
+                        rig.path.string() + ": scene ledger needs a camera of " +
+                            std::to_string(LedgerWorld::kWidthPx) + " x " +
+                            std::to_string(LedgerWorld::kHeightPx) + " px in Mono16");
+  return Stage{std::make_unique<LedgerWorld>(),
+               [](const auto&, std::size_t) { return estimation::Result<void>(); }};
+}
+
 // `sessions` outlives the stage.
 rig::Result<Stage> make_stage(const rig::RigFile& rig, const RunOptions& options,
                               const SessionWatch& sessions) {
+  if (options.scene == kLedgerScene) return make_ledger(rig);
   const rig::Result<SimulatedRig> simulated = simulated_rig(rig);
   if (!simulated) return tl::unexpected(simulated.error());
   const auto& [camera, projector, calibration] = *simulated;
@@ -105,12 +120,27 @@ bool write_truths(const Stage& stage, const SessionWatch& sessions) {
   return is_written;
 }
 
+rig::Result<FaultPlan> plan_of(const RunOptions& options) {
+  if (options.faults_file.empty()) return FaultPlan{};
+  return read_fault_plan(options.faults_file);
+}
+
+// What of the plan came to pass, for the log.
+void tell(const FaultSchedule& faults) {
+  for (const std::string& happened : faults.happened())
+    std::fprintf(stderr, "ssrig-sim: fault: %s\n", happened.c_str());
+  for (const std::string& outstanding : faults.outstanding())
+    std::fprintf(stderr, "ssrig-sim: fault that found no occasion: %s\n", outstanding.c_str());
+}
+
 }  // namespace
 
 int run_command(const RunOptions& options) {
   Interrupts interrupts;
   const rig::Result<rig::RigFile> rig = rig::read_rig_file(options.rig_file);
   if (!rig) return complain(rig.error());
+  const rig::Result<FaultPlan> plan = plan_of(options);
+  if (!plan) return complain(plan.error());
   const rig::Result<std::unique_ptr<ScratchFolder>> scratch = ScratchFolder::make();
   if (!scratch) return complain(scratch.error());
   const SessionWatch sessions(rig->storage.directory, options.command);
@@ -120,7 +150,8 @@ int run_command(const RunOptions& options) {
   }();
   if (!stage) return complain(stage.error());
 
-  rig::Result<std::unique_ptr<VirtualRig>> devices = VirtualRig::start(*rig, *stage->world);
+  FaultSchedule faults(*plan);
+  rig::Result<std::unique_ptr<VirtualRig>> devices = VirtualRig::start(*rig, *stage->world, faults);
   if (!devices) return complain(devices.error());
   int exit_code = kExitFailed;
   {
@@ -135,6 +166,7 @@ int run_command(const RunOptions& options) {
     exit_code = wait_for(*child, interrupts);
   }
   devices->reset();  // after the child: its USB calls must find an answer to the last
+  tell(faults);
   if (!write_truths(*stage, sessions) && exit_code == kExitDone) return kExitFailed;
   return exit_code;
 }

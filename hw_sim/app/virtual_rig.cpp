@@ -12,6 +12,8 @@
 #include <thread>
 #include <utility>
 
+#include "hw_sim/app/camera_socket.h"
+#include "hw_sim/app/saboteur.h"
 #include "hw_sim/display/screen_grabber.h"
 #include "hw_sim/display/virtual_screen.h"
 #include "hw_sim/gige/gige_device.h"
@@ -62,16 +64,18 @@ VirtualScreenSettings screen_settings(const rig::RigFile& rig) {
           .refresh_hz = kRefresh_hz};
 }
 
-UsbTriggerBoxOptions box_options(const rig::RigFile& rig) {
+UsbTriggerBoxOptions box_options(const rig::RigFile& rig, FaultSchedule& faults) {
   UsbTriggerBoxOptions options;
+  options.faults = &faults;
   options.vendor_id = rig.trigger.vendor_id;
   options.product_id = rig.trigger.product_id;
   if (!rig.trigger.serial.empty()) options.serial = rig.trigger.serial;
   return options;
 }
 
-GigeDeviceOptions camera_options(const rig::RigFile& rig) {
+GigeDeviceOptions camera_options(const rig::RigFile& rig, FaultSchedule& faults) {
   GigeDeviceOptions options;
+  options.faults = &faults;
   in_addr parsed{};  // a rig file may name its camera instead
   if (inet_pton(AF_INET, rig.camera.address.c_str(), &parsed) == 1)
     options.address = rig.camera.address;
@@ -80,8 +84,10 @@ GigeDeviceOptions camera_options(const rig::RigFile& rig) {
   return options;
 }
 
-GrabberSettings grabber_settings(const rig::RigFile& rig, const std::string& display) {
+GrabberSettings grabber_settings(const rig::RigFile& rig, const std::string& display,
+                                 FaultSchedule& faults) {
   GrabberSettings settings;
+  settings.faults = &faults;
   settings.display = display;
   settings.output = VirtualScreen::kProjectorOutput;
   settings.refresh_hz = kRefresh_hz;
@@ -99,14 +105,18 @@ struct VirtualRig::Parts {
   std::unique_ptr<VirtualScreen> screen;
   LightTimeline light;
   Preparer preparer;
-  std::unique_ptr<GigeDevice> camera;
+  std::optional<CameraSocket> camera;
   std::unique_ptr<UsbTestbed> testbed;
   std::optional<UsbTriggerBox> box;
-  std::unique_ptr<ScreenGrabber> grabber;  // last: it feeds all of them
+  std::unique_ptr<ScreenGrabber> grabber;  // it feeds all of them
+  std::filesystem::path skip_file;
+  std::optional<SharedCount> skipped_blanks;
+  std::optional<Saboteur> saboteur;  // last: it meddles with all of them
 };
 
 rig::Result<std::unique_ptr<VirtualRig>> VirtualRig::start(const rig::RigFile& rig,
-                                                           const World& world) {
+                                                           const World& world,
+                                                           FaultSchedule& faults) {
   auto parts = std::make_unique<Parts>(world);
   rig::Result<std::string> shim = find_glx_shim();
   if (!shim) return tl::unexpected(shim.error());
@@ -116,24 +126,30 @@ rig::Result<std::unique_ptr<VirtualRig>> VirtualRig::start(const rig::RigFile& r
   if (!screen) return tl::unexpected(screen.error());
   parts->screen = *std::move(screen);
 
-  rig::Result<std::unique_ptr<GigeDevice>> camera =
-      GigeDevice::start(camera_options(rig), world, parts->light);
-  if (!camera) return tl::unexpected(camera.error());
-  parts->camera = *std::move(camera);
+  parts->camera.emplace([options = camera_options(rig, faults), &world, &light = parts->light] {
+    return GigeDevice::start(options, world, light);
+  });
+  if (const rig::Result<void> powered = parts->camera->power_on(); !powered)
+    return tl::unexpected(powered.error());
 
   rig::Result<std::unique_ptr<UsbTestbed>> testbed = UsbTestbed::open();
   if (!testbed) return tl::unexpected(testbed.error());
   parts->testbed = *std::move(testbed);
   parts->box.emplace(
-      *parts->testbed, box_options(rig),
-      [&device = *parts->camera](LinePulse pulse) { device.pulse(pulse.start, pulse.width); });
+      *parts->testbed, box_options(rig, faults),
+      [&camera = *parts->camera](LinePulse pulse) { camera.pulse(pulse.start, pulse.width); });
 
   rig::Result<std::unique_ptr<ScreenGrabber>> grabber = ScreenGrabber::start(
-      grabber_settings(rig, parts->screen->display()), parts->light,
+      grabber_settings(rig, parts->screen->display(), faults), parts->light,
       [&preparer = parts->preparer](const auto& picture) { preparer.add(picture); },
       [&box = *parts->box](rig::HostTime time, int level_adc) { box.light(time, level_adc); });
   if (!grabber) return tl::unexpected(grabber.error());
   parts->grabber = *std::move(grabber);
+
+  parts->skip_file = std::filesystem::temp_directory_path() / "skipped_blanks";
+  parts->skipped_blanks.emplace(parts->skip_file);
+  parts->saboteur.emplace(faults, Saboteur::Victims{*parts->camera, *parts->box, *parts->screen,
+                                                    *parts->grabber, *parts->skipped_blanks});
   return std::unique_ptr<VirtualRig>(new VirtualRig(std::move(parts)));
 }
 
@@ -147,6 +163,7 @@ std::map<std::string, std::string> VirtualRig::child_environment() const {
   environment["LD_PRELOAD"] += ":" + parts_->glx_shim;
   environment["DISPLAY"] = parts_->screen->display();
   environment["SSRIG_SIM_REFRESH_HZ"] = std::to_string(kRefresh_hz);
+  environment["SSRIG_SIM_SKIP_FILE"] = parts_->skip_file.string();
   return environment;
 }
 

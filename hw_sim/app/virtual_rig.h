@@ -10,6 +10,7 @@
 #include <memory>
 #include <string>
 
+#include "hw_sim/faults/fault_schedule.h"
 #include "hw_sim/world.h"
 #include "rig/fault.h"
 #include "rig/rig_file.h"
@@ -19,10 +20,10 @@ namespace hw_sim {
 // Not thread-safe. Its clients end before it does.
 class VirtualRig {
  public:
-  // The devices have the addresses and serial numbers of the rig file; `world` outlives the rig.
-  // Needs the umockdev preload library in this program. Errors: those of its parts.
-  static rig::Result<std::unique_ptr<VirtualRig>> start(const rig::RigFile& rig,
-                                                        const World& world);
+  // The devices have the addresses and serial numbers of the rig file; `world` and `faults` outlive
+  // the rig. Needs the umockdev preload library in this program. Errors: those of its parts.
+  static rig::Result<std::unique_ptr<VirtualRig>> start(const rig::RigFile& rig, const World& world,
+                                                        FaultSchedule& faults);
   ~VirtualRig();
 
   // What a program needs in its environment to find the devices.

@@ -15,6 +15,7 @@ InProcessRig::InProcessRig(const World& world, InProcessOptions options)
                  [this](const std::shared_ptr<const Picture>& picture, bool is_square_light,
                         const FlipFaults& faults) { light(picture, is_square_light, faults); }) {
   // What the plan has for a rig at rest.
+  faults_.opened();
   take_device_faults();
   trigger_.take_train_faults();
   if (faults_.take(FaultKind::kTriggerDoubled)) camera_.disturb_line();

@@ -115,8 +115,11 @@ void SimProjector::swap() {
   if (is_changed_) return;
   const rig::ShowRequest request = requests_.front();
   const bool is_flip = request.is_square_light != shown_.is_square_light;
-  if (!flip_) flip_ = is_flip ? faults_.take_flip() : FlipFaults{};
-  if (std::exchange(flip_->is_blank_skipped, false)) return schedule_swap();
+  if (!flip_) {
+    const bool is_blank_skipped = is_flip && faults_.take_skipped_blank();
+    flip_ = is_flip ? faults_.take_flip() : FlipFaults{};
+    if (is_blank_skipped) return schedule_swap();
+  }
   const FlipFaults flip = *std::exchange(flip_, std::nullopt);
   requests_.pop_front();
   shown_ = request;

@@ -4,9 +4,13 @@
 // what we stand in for.
 //   SSRIG_SIM_REFRESH_HZ    refresh, default 60
 //   SSRIG_SIM_SKIP_EVERY    n: every n-th swap misses one refresh, as a late frame does
+//   SSRIG_SIM_SKIP_FILE     a file of one 32-bit count: so many next swaps miss one refresh each
 #include <GL/glx.h>
 #include <X11/Xlib.h>
 #include <dlfcn.h>
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -86,12 +90,34 @@ std::int64_t us_of(std::int64_t blank) {
   return scanout().time_of(blank).time_since_epoch().count() / 1000 + 1;  // not before the blank
 }
 
+// Shared with who plans the faults; nullptr without one.
+std::atomic<std::int32_t>* planned_skips() {
+  static auto* const count = []() -> std::atomic<std::int32_t>* {
+    const char* path = std::getenv("SSRIG_SIM_SKIP_FILE");
+    const int file = path != nullptr ? open(path, O_RDWR | O_CLOEXEC) : -1;
+    if (file < 0) return nullptr;
+    void* memory = mmap(nullptr, sizeof(std::atomic<std::int32_t>), PROT_READ | PROT_WRITE,
+                        MAP_SHARED, file, 0);
+    close(file);
+    return memory == MAP_FAILED ? nullptr : static_cast<std::atomic<std::int32_t>*>(memory);
+  }();
+  return count;
+}
+
+bool take_planned_skip() {
+  std::atomic<std::int32_t>* const count = planned_skips();
+  if (count == nullptr || count->load() <= 0) return false;
+  --*count;
+  return true;
+}
+
 std::int64_t wait_for_swap_blank(int interval) {
   static const auto skip_every =
       static_cast<std::int64_t>(number_from_environment("SSRIG_SIM_SKIP_EVERY", 0));
   std::int64_t blank =
       std::max(scanout().blank_at(Clock::now()) + 1, state().last_blank.load() + interval);
   if (skip_every > 0 && (state().swap_count + 1) % skip_every == 0) ++blank;
+  if (take_planned_skip()) ++blank;
   wait_for_blank(blank);
   return blank;
 }

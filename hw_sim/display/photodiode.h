@@ -30,6 +30,7 @@ class Photodiode {
   // The square turns to `brightness_frac` (0..1) at `time`: what is read from then on, until
   // further notice. Of earlier samples those at or after `time` no longer hold.
   std::vector<LevelSample> look(rig::HostTime time, double brightness_frac);
+  void set_fall_time(std::chrono::microseconds fall_time) { settings_.fall_time = fall_time; }
 
  private:
   double level_at(rig::HostTime time) const;  // 0..1

@@ -153,7 +153,7 @@ class ScreenGrabber::Eye {
         on_level_(std::move(on_level)),
         clock_(settings.refresh_hz),
         photodiode_(settings.photodiode),
-        wake_(eventfd(0, EFD_CLOEXEC)) {}
+        wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {}
   ~Eye() {
     if (is_server_gone_ && image_) image_->forget_server();
     image_.reset();
@@ -165,6 +165,14 @@ class ScreenGrabber::Eye {
   rig::Result<void> connect();
   void run(const std::stop_token& stop);
   void wake() { eventfd_write(wake_, 1); }
+  void stick_photodiode(bool is_stuck) {
+    is_stuck_ = is_stuck;
+    wake();
+  }
+  void dim_photodiode(double level_frac) {
+    level_frac_ = level_frac;
+    wake();
+  }
 
  private:
   void wait_for_news(const std::stop_token& stop);
@@ -173,6 +181,7 @@ class ScreenGrabber::Eye {
   bool read_gamma();  // true: it changed
   void grab();
   void light_up(estimation::Image<unsigned char> brightness);
+  void look_at_square(rig::HostTime lit_at);
   void report_levels();
 
   GrabberSettings settings_;
@@ -196,7 +205,11 @@ class ScreenGrabber::Eye {
 
   PictureCache pictures_{kPictureLimit};
   std::shared_ptr<const Picture> lit_;
-  double square_frac_ = -1;         // brightness of the sync square; -1: none yet
+  double square_frac_ = -1;  // brightness of the sync square; -1: none yet
+  double seen_frac_ = -1;    // as the photodiode saw it last
+  rig::HostTime latest_light_{};
+  std::atomic<bool> is_stuck_ = false;
+  std::atomic<double> level_frac_ = 1;
   std::deque<LevelSample> levels_;  // still to be reported
 };
 
@@ -281,7 +294,12 @@ void ScreenGrabber::Eye::light_up(estimation::Image<unsigned char> brightness) {
       brightness,
       place_square(settings_.sync_square, brightness.width_px(), brightness.height_px()));
   const std::int64_t blank = clock_.blank_at(rig::HostClock::now()) + 1;
-  const rig::HostTime lit_at = clock_.time_of(blank + settings_.input_lag_frames);
+  const bool is_flip = square_frac != square_frac_ && square_frac_ >= 0;
+  const FlipFaults planned =
+      is_flip && settings_.faults != nullptr ? settings_.faults->take_flip() : FlipFaults{};
+  latest_light_ =
+      std::max(latest_light_, clock_.time_of(blank + settings_.input_lag_frames) + planned.delay);
+  const rig::HostTime lit_at = latest_light_;
   if (std::shared_ptr<const Picture> picture = pictures_.find(std::move(brightness));
       picture != lit_) {
     lit_ = std::move(picture);
@@ -290,8 +308,18 @@ void ScreenGrabber::Eye::light_up(estimation::Image<unsigned char> brightness) {
   }
   if (square_frac == square_frac_) return;
   square_frac_ = square_frac;
+  if (planned.is_edge_missed) return;
+  photodiode_.set_fall_time(
+      std::max<std::chrono::microseconds>(settings_.photodiode.fall_time, planned.fall_time));
+  look_at_square(lit_at);
+}
+
+void ScreenGrabber::Eye::look_at_square(rig::HostTime lit_at) {
+  const double frac = square_frac_ * level_frac_;
+  if (is_stuck_ || square_frac_ < 0 || frac == seen_frac_) return;
+  seen_frac_ = frac;
   while (!levels_.empty() && levels_.back().time >= lit_at) levels_.pop_back();
-  const std::vector<LevelSample> samples = photodiode_.look(lit_at, square_frac);
+  const std::vector<LevelSample> samples = photodiode_.look(lit_at, frac);
   levels_.insert(levels_.end(), samples.begin(), samples.end());
 }
 
@@ -313,6 +341,9 @@ void ScreenGrabber::Eye::wait_for_news(const std::stop_token& stop) {
   std::array<pollfd, 2> sources{
       {{wake_, POLLIN, 0}, {ConnectionNumber(display_.get()), POLLIN, 0}}};
   ppoll(sources.data(), is_server_gone_ ? 1 : 2, &timeout, nullptr);
+  eventfd_t told = 0;
+  if (eventfd_read(wake_, &told) == 0 && !stop.stop_requested())
+    look_at_square(std::max(latest_light_, rig::HostClock::now()));
 }
 
 void ScreenGrabber::Eye::run(const std::stop_token& stop) {
@@ -346,5 +377,9 @@ ScreenGrabber::ScreenGrabber(std::unique_ptr<Eye> eye) : eye_(std::move(eye)) {
 }
 
 ScreenGrabber::~ScreenGrabber() = default;
+
+void ScreenGrabber::stick_photodiode(bool is_stuck) { eye_->stick_photodiode(is_stuck); }
+
+void ScreenGrabber::dim_photodiode(double level_frac) { eye_->dim_photodiode(level_frac); }
 
 }  // namespace hw_sim

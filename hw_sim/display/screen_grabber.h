@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "hw_sim/display/photodiode.h"
+#include "hw_sim/faults/fault_schedule.h"
 #include "hw_sim/light.h"
 #include "rig/clock.h"
 #include "rig/fault.h"
@@ -22,6 +23,7 @@ struct GrabberSettings {
   int input_lag_frames = 0;  // refreshes that the projector takes beyond the next one
   rig::SyncSquareSettings sync_square{};
   PhotodiodeSettings photodiode{};
+  FaultSchedule* faults = nullptr;  // outlives the grabber
 };
 
 // A picture drawn between two vertical blanks is lit from the second one on (plus input lag), until
@@ -47,6 +49,10 @@ class ScreenGrabber {
                                                            PictureCallback on_picture,
                                                            LevelCallback on_level);
   ~ScreenGrabber();  // stop it before the X server
+
+  // Faults of the photodiode. Thread-safe.
+  void stick_photodiode(bool is_stuck);
+  void dim_photodiode(double level_frac);  // 1: as it was
 
  private:
   class Eye;

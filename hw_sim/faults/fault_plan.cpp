@@ -45,12 +45,12 @@ constexpr std::array<KindFacts, kFaultKindCount> kFacts{{
     {kUsbStall, "usb_stall", kTrain, true, milliseconds(0)},
     {kUsbGap, "usb_gap", kTrain, true, milliseconds(0)},
     {kUsbSilent, "usb_silent", kTrain, true, milliseconds(1000)},
-    {kUsbUnplugged, "usb_unplugged", kTrain, true, milliseconds(0)},
-    {kCameraRebooted, "camera_rebooted", kTrain, true, milliseconds(0)},
-    {kCablePulled, "cable_pulled", kTrain, true, milliseconds(0)},
-    {kControlStolen, "control_stolen", kTrain, true, milliseconds(0)},
-    {kProjectorGone, "projector_gone", kTrain, true, milliseconds(0)},
-    {kGammaWrong, "gamma_wrong", kTrain, true, milliseconds(0)},
+    {kUsbUnplugged, "usb_unplugged", kTrain, true, milliseconds(2000)},
+    {kCameraRebooted, "camera_rebooted", kTrain, true, milliseconds(2000)},
+    {kCablePulled, "cable_pulled", kTrain, true, milliseconds(3000)},
+    {kControlStolen, "control_stolen", kTrain, true, milliseconds(2000)},
+    {kProjectorGone, "projector_gone", kTrain, true, milliseconds(2000)},
+    {kGammaWrong, "gamma_wrong", kTrain, true, milliseconds(1000)},
 }};
 
 const KindFacts& facts(FaultKind kind) {

@@ -70,7 +70,7 @@ FaultSite site_of(FaultKind kind);
 // Can also happen while no capture is under way.
 bool is_possible_idle(FaultKind kind);
 
-inline constexpr int kIdle = -1;  // a showing number: before the first arming
+inline constexpr int kIdle = -1;  // a showing number: opened, before the first arming
 inline constexpr int kPrimingShowing = 0;
 inline constexpr int showing_of_slot(int slot) { return slot + 1; }
 

@@ -118,8 +118,7 @@ class Reader {
       bool is_its;  // of this kind of fault
     };
     const FaultKind kind = fault.kind;
-    const bool has_duration =
-        default_fault(kind).duration.count() > 0 || kind >= FaultKind::kUsbUnplugged;
+    const bool has_duration = default_fault(kind).duration.count() > 0;
     const std::map<std::string, Amount, std::less<>> amounts = {
         {"rate_frac", {0, 1, true}},
         {"duration_ms", {0, kDurationLimit_ms, has_duration}},

@@ -1,5 +1,6 @@
 #include "hw_sim/faults/fault_schedule.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace hw_sim {
@@ -13,17 +14,38 @@ std::uint64_t mix(std::uint64_t value) {
   return value ^ (value >> 31);
 }
 
+constexpr int kClosed = kIdle - 1;
+
+std::string describe(FaultKind kind, FaultPlace place) {
+  std::string text(to_string(kind));
+  if (place.showing <= kIdle) return text + " at rest";
+  if (place.showing == kPrimingShowing)
+    text += " at the priming";
+  else
+    text.append(" at slot ").append(std::to_string(place.showing - showing_of_slot(0)));
+  if (site_of(kind) == FaultSite::kShot)
+    text.append(", bracket ").append(std::to_string(place.bracket));
+  return text;
+}
+
 double to_frac(std::uint64_t draw) { return static_cast<double>(draw >> 11) * 0x1p-53; }
 
 }  // namespace
 
-FaultSchedule::FaultSchedule(FaultPlan plan) : seed_(plan.seed) {
+FaultSchedule::FaultSchedule(FaultPlan plan) : seed_(plan.seed), place_{kClosed, 0} {
   for (PlannedFault& fault : plan.faults) entries_.push_back({std::move(fault), 0, 0});
+}
+
+void FaultSchedule::opened() {
+  const std::lock_guard lock(mutex_);
+  if (place_.showing == kClosed) place_.showing = kIdle;
+  note_progress();
 }
 
 void FaultSchedule::armed() {
   const std::lock_guard lock(mutex_);
   is_armed_ = true;
+  place_.showing = std::max(place_.showing, kIdle);
   note_progress();
 }
 
@@ -80,6 +102,7 @@ std::optional<PlannedFault> FaultSchedule::take_at(FaultKind kind, FaultPlace pl
                             : to_frac(draw(i, entry.occasion_count++)) < entry.fault.rate_frac;
     if (!is_due) continue;
     ++entry.taken_count;
+    happened_.push_back(describe(kind, place));
     return entry.fault;
   }
   return std::nullopt;
@@ -92,7 +115,21 @@ std::optional<PlannedFault> FaultSchedule::take(FaultKind kind) {
 
 bool FaultSchedule::take_skipped_blank() {
   const std::lock_guard lock(mutex_);
-  return take_at(FaultKind::kVblankSkipped, {place_.showing + 1, 0}).has_value();
+  return is_armed_ && take_at(FaultKind::kVblankSkipped, {place_.showing + 1, 0}).has_value();
+}
+
+std::vector<std::string> FaultSchedule::happened() const {
+  const std::lock_guard lock(mutex_);
+  return happened_;
+}
+
+std::vector<std::string> FaultSchedule::outstanding() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<std::string> names;
+  for (const Entry& entry : entries_)
+    if (entry.fault.place && entry.taken_count < entry.fault.count)
+      names.emplace_back(to_string(entry.fault.kind));
+  return names;
 }
 
 ShotFaults FaultSchedule::take_shot() {
@@ -121,7 +158,6 @@ FlipFaults FaultSchedule::take_flip() {
   FlipFaults flip;
   if (!is_armed_) return flip;
   const auto take = [this](FaultKind kind) { return take_at(kind, {place_.showing + 1, 0}); };
-  flip.is_blank_skipped = take(FaultKind::kVblankSkipped).has_value();
   if (const auto late = take(FaultKind::kFlipLate)) flip.delay = late->duration;
   flip.is_edge_missed = take(FaultKind::kEdgeMissed).has_value();
   if (const auto slow = take(FaultKind::kPhotodiodeSlowFall)) flip.fall_time = slow->duration;

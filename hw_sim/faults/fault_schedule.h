@@ -7,6 +7,7 @@
 #include <mutex>
 #include <optional>
 #include <stop_token>
+#include <string>
 #include <vector>
 
 #include "hw_sim/faults/fault_plan.h"
@@ -27,7 +28,6 @@ struct ShotFaults {
 
 // Of one change of the sync square, from the swap to the photodiode.
 struct FlipFaults {
-  bool is_blank_skipped = false;
   std::chrono::milliseconds delay{0};
   bool is_edge_missed = false;
   std::chrono::milliseconds fall_time{0};
@@ -39,6 +39,8 @@ class FaultSchedule {
  public:
   explicit FaultSchedule(FaultPlan plan = {});
 
+  // The devices are open, and at rest.
+  void opened();
   // The box's account.
   void armed();
   void disarmed();
@@ -49,8 +51,13 @@ class FaultSchedule {
   FlipFaults take_flip();  // of the showing to come; nothing goes wrong while disarmed
   // Is one of this kind due now? Of kinds at FaultSite::kTrain, or any that can happen idle.
   std::optional<PlannedFault> take(FaultKind kind);
-  // Is a swap that comes next to miss its refresh? For who must know ahead.
+  // Is the next flip's swap to miss its refresh? For who must know ahead.
   bool take_skipped_blank();
+
+  // One line a fault that has happened: "frame_lost at slot 17, bracket 1".
+  std::vector<std::string> happened() const;
+  // Those that are still to come: "frame_lost".
+  std::vector<std::string> outstanding() const;
 
   bool is_armed() const;
   int showing() const;
@@ -73,11 +80,12 @@ class FaultSchedule {
   mutable std::mutex mutex_;
   std::condition_variable_any progressed_;
   std::vector<Entry> entries_;  // guarded by mutex_, as all below
-  FaultPlace place_{kIdle, 0};
+  FaultPlace place_;
   bool is_armed_ = false;
   std::uint64_t progress_count_ = 0;
   std::uint64_t seen_progress_ = 0;  // by wait_for_progress()
   std::uint64_t shot_count_ = 0;
+  std::vector<std::string> happened_;
 };
 
 }  // namespace hw_sim

@@ -10,6 +10,7 @@
 
 #include "estimation/base/image.h"
 #include "hw_sim/exposure_engine.h"
+#include "hw_sim/faults/fault_schedule.h"
 #include "hw_sim/gige/gvsp.h"
 #include "hw_sim/gige/pixel_format.h"
 #include "hw_sim/gige/register_map.h"
@@ -29,6 +30,7 @@ struct CameraOscillator {
 struct Shot {
   ExposureJob job;
   std::uint64_t acquisition_number = 0;
+  ShotFaults faults{};
 };
 
 // Not thread-safe: its owner locks.

@@ -21,6 +21,7 @@ struct GigeFaults {
   std::atomic<int> late_frame_ms{300};
   // The camera.
   std::atomic<bool> is_control_kicked{false};  // control privilege revoked, once
+  std::atomic<bool> is_control_taken{false};   // by another program: nobody else gets it
   std::atomic<bool> is_exposure_stuck{false};  // every exposure as long as the one before
   std::atomic<int> sequencer_slips{0};         // steps on without a pulse
   std::atomic<int> unseen_pulses{0};           // a pulse that the line does not carry

@@ -30,6 +30,9 @@ constexpr std::chrono::milliseconds kControlTick{
     20};  // how soon a kick or a dead client is noticed
 constexpr std::uint32_t kFireTestPacket = 0x80000000;
 constexpr std::uint32_t kExclusiveAccess = 1;
+// A line that bounces or picks up a neighbour's pulse.
+constexpr std::chrono::microseconds kBounceDelay{100};
+constexpr std::chrono::microseconds kStrayPulse{1000};
 
 bool is_same_peer(const sockaddr_in& a, const sockaddr_in& b) {
   return a.sin_addr.s_addr == b.sin_addr.s_addr && a.sin_port == b.sin_port;
@@ -136,15 +139,28 @@ GigeDevice::Impl::Impl(const GigeDeviceOptions& options, const World& world,
       control_thread_([this](const std::stop_token& stop) { run_control(stop); }) {}
 
 void GigeDevice::Impl::pulse(rig::HostTime start, std::chrono::microseconds width) {
-  if (take_one(faults.unseen_pulses)) return;
+  const ShotFaults planned =
+      options_.faults != nullptr ? options_.faults->take_shot() : ShotFaults{};
+  if (take_one(faults.unseen_pulses) || planned.is_trigger_missed) return;
   const std::lock_guard lock(mutex_);
-  if (take_one(faults.sequencer_slips)) model_.slip_sequencer();
-  if (const std::optional<Shot> shot = model_.pulse(start, width)) queue(*shot);
+  if (take_one(faults.sequencer_slips) || planned.is_sequencer_slipping) model_.slip_sequencer();
+  std::optional<Shot> shot = model_.pulse(start, width);
+  if (shot) {
+    shot->faults = planned;
+    queue(*shot);
+  }
+  if (planned.is_trigger_bounced) model_.pulse(start + kBounceDelay, width);
+  if (!planned.is_trigger_doubled || !shot) return;
+  if (const auto stray =
+          model_.pulse(shot->job.end() + options_.readout + kBounceDelay, kStrayPulse))
+    queue(*stray);
 }
 
 void GigeDevice::Impl::queue(const Shot& shot) {
   Shot queued = shot;
-  if (faults.is_exposure_stuck && last_job_) queued.job.duration = last_job_->duration;
+  const bool is_stuck =
+      faults.is_exposure_stuck || (shot.faults.is_exposure_stuck && shot.job.sequencer_set >= 0);
+  if (is_stuck && last_job_) queued.job.duration = last_job_->duration;
   last_job_ = queued.job;
   shots_.push_back(queued);
   shots_changed_.notify_one();
@@ -318,7 +334,8 @@ GvcpStatus GigeDevice::Impl::write(std::uint32_t address, std::uint32_t value,
 }
 
 GvcpStatus GigeDevice::Impl::write_control_privilege(std::uint32_t value, const sockaddr_in& peer) {
-  if (controller_ && !is_controller(peer)) return GvcpStatus::kAccessDenied;
+  if ((controller_ && !is_controller(peer)) || faults.is_control_taken)
+    return GvcpStatus::kAccessDenied;
   const GvcpStatus status = model_.registers().check_write(kControlPrivilege, value);
   if (status != GvcpStatus::kSuccess) return status;
   if (value == 0) {
@@ -327,6 +344,7 @@ GvcpStatus GigeDevice::Impl::write_control_privilege(std::uint32_t value, const 
   }
   controller_ = peer;
   last_heard_ = rig::HostClock::now();
+  if (options_.faults != nullptr) options_.faults->opened();
   model_.registers().set(kControlPrivilege, value);
   model_.registers().set(kPrimaryPort, ntohs(peer.sin_port));
   model_.registers().set(kPrimaryAddress, ntohl(peer.sin_addr.s_addr));
@@ -389,11 +407,14 @@ void GigeDevice::Impl::expose(const Shot& shot) {
   const std::lock_guard lock(mutex_);
   if (!model_.is_acquiring() || model_.acquisition_number() != shot.acquisition_number) return;
   if (take_one(faults.timestamp_jumps)) model_.jump_clock(std::chrono::seconds(1));
+  model_.jump_clock(shot.faults.clock_step);
   model_.fill_block(shot, sensor_dn_.view(), options_.has_64_bit_block_ids, *block);
   if (take_one(faults.wrong_size_frames)) block->height_px /= 2;
   if (take_one(faults.wrong_format_frames)) block->pixel_format = find_pixel_format("Mono8")->code;
   const bool is_late = take_one(faults.late_frames);
-  const std::chrono::milliseconds delay(is_late ? faults.late_frame_ms.load() : 0);
+  const std::chrono::milliseconds delay =
+      is_late ? std::chrono::milliseconds(faults.late_frame_ms) : shot.faults.delay;
+  block->faults = shot.faults;
   sender_.send(std::move(block), rig::HostClock::now() + delay);
 }
 

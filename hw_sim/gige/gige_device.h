@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "hw_sim/faults/fault_schedule.h"
 #include "hw_sim/gige/faults.h"
 #include "hw_sim/light.h"
 #include "hw_sim/world.h"
@@ -28,6 +29,7 @@ struct GigeDeviceOptions {
   // How late the light time line may still learn what was shown (a grabbed screen); an exposure is
   // cut from it that much after its end.
   std::chrono::microseconds light_latency{0};
+  FaultSchedule* faults = nullptr;  // outlives the device
 };
 
 struct GigeDeviceCounters {

@@ -7,6 +7,8 @@
 #include <span>
 #include <vector>
 
+#include "hw_sim/faults/fault_schedule.h"
+
 namespace hw_sim {
 
 inline constexpr std::size_t kUdpHeaderBytes = 28;  // IPv4 and UDP
@@ -25,6 +27,7 @@ struct GvspBlock {
   std::uint32_t offset_y_px = 0;
   std::size_t packet_size_bytes = 1500;  // IP and UDP headers included, as in GevSCPSPacketSize
   std::vector<std::uint8_t> payload;
+  ShotFaults faults{};  // what happens to it on its way
 
   std::size_t data_bytes_per_packet() const;
   // Leader (packet 0), data packets, trailer (the last).

@@ -66,7 +66,7 @@ void StreamSender::resend(const ResendRequest& request, bool has_64_bit_id) {
   const std::uint32_t last = std::min(request.last_packet, block->packet_count() - 1);
   for (std::uint32_t packet = request.first_packet; packet <= last; ++packet) {
     ++resent_packet_count_;
-    if (!is_lost())
+    if (!is_lost(*block))
       send_packet(make_gvsp_packet(*block, packet, GvspStatus::kPacketResend), acquisition);
   }
 }
@@ -103,8 +103,9 @@ StreamCounters StreamSender::counters() const {
 void StreamSender::run(const std::stop_token& stop) {
   run_like_hardware();
   while (const std::optional<Outgoing> next = next_block(stop)) {
-    if (take_one(faults_.lost_frames)) continue;
-    const bool is_truncated = take_one(faults_.truncated_frames);
+    const ShotFaults& planned = next->block->faults;
+    if (take_one(faults_.lost_frames) || planned.is_lost) continue;
+    const bool is_truncated = take_one(faults_.truncated_frames) || planned.is_truncated;
     if (!is_truncated) keep(*next);
     const std::uint32_t packet_count = next->block->packet_count();
     send_packets(*next, is_truncated ? packet_count / 2 : packet_count, stop);
@@ -132,15 +133,17 @@ void StreamSender::send_packets(const Outgoing& outgoing, std::uint32_t sent_cou
   const GvspBlock& block = *outgoing.block;
   link_free_ = std::max(link_free_, rig::HostClock::now());
   for (std::uint32_t packet = 0; packet < sent_count && !stop.stop_requested(); ++packet) {
-    const bool is_leader_lost = packet == 0 && take_one(faults_.lost_leaders);
-    const bool is_trailer_lost =
-        packet + 1 == block.packet_count() && take_one(faults_.lost_trailers);
-    if (is_leader_lost || is_trailer_lost || is_lost()) {
+    const bool is_leader_lost =
+        packet == 0 && (take_one(faults_.lost_leaders) || block.faults.is_leader_lost);
+    const bool is_trailer_lost = packet + 1 == block.packet_count() &&
+                                 (take_one(faults_.lost_trailers) || block.faults.is_trailer_lost);
+    if (is_leader_lost || is_trailer_lost || is_lost(block)) {
       ++lost_packet_count_;
     } else {
       const GvspPacket made = make_gvsp_packet(block, packet, GvspStatus::kSuccess);
       send_packet(made, outgoing.acquisition);
-      if (faults_.are_packets_duplicated) send_packet(made, outgoing.acquisition);
+      if (faults_.are_packets_duplicated || block.faults.is_duplicated)
+        send_packet(made, outgoing.acquisition);
     }
     pace(block.packet_size_bytes);
   }
@@ -173,8 +176,8 @@ void StreamSender::pace(std::size_t packet_size_bytes) {
   if (link_free_ - now > kPacingGrain) std::this_thread::sleep_until(link_free_);
 }
 
-bool StreamSender::is_lost() {
-  const double loss_frac = faults_.packet_loss_frac;
+bool StreamSender::is_lost(const GvspBlock& block) {
+  const double loss_frac = std::max(faults_.packet_loss_frac.load(), block.faults.loss_frac);
   if (loss_frac <= 0) return false;
   const std::lock_guard lock(mutex_);
   return std::uniform_real_distribution<double>(0, 1)(loss_draw_) < loss_frac;

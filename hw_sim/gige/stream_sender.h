@@ -70,7 +70,7 @@ class StreamSender {
                     const std::stop_token& stop);
   void send_packet(const GvspPacket& packet, std::uint64_t acquisition);
   void pace(std::size_t packet_size_bytes);
-  bool is_lost();
+  bool is_lost(const GvspBlock& block);
   std::shared_ptr<GvspBlock> find_kept(std::uint64_t block_id) const;  // mutex_ is held
   void keep(const Outgoing& outgoing);
 

@@ -14,6 +14,11 @@ using rig::tb1::Request;
 
 // What a small microcontroller would keep for a host that does not read: 128 records.
 constexpr std::size_t kQueuedPacketLimit = 64;
+constexpr int kMiddle_adc = 512;
+constexpr int kDark_adc = 100, kLight_adc = 900;
+// A flash in the room, beyond the debounce time; chatter of an edge, within it.
+constexpr std::chrono::microseconds kFlashDelay{5000}, kFlashDuration{1000};
+constexpr std::chrono::microseconds kBounceDelay{200}, kBounceDuration{100};
 
 }  // namespace
 
@@ -113,6 +118,8 @@ UsbReply UsbTriggerBox::control(const UsbSetup& setup, const std::vector<std::ui
   auto reply = model_.control(setup.request, setup.value, data, now);
   if (!reply) return UsbStall{};
   if (request == Request::kArm) devices_.back()->discard_packets();
+  if (options_.faults != nullptr && request == Request::kArm) options_.faults->armed();
+  if (options_.faults != nullptr && request == Request::kDisarm) options_.faults->disarmed();
   if (request == Request::kGetConfig && std::exchange(corrupts_next_config_, false)) {
     reply->at(reply->size() - 1) ^= 0xFF;
   }
@@ -130,10 +137,26 @@ void UsbTriggerBox::see_light_until(HostTime now) {
   coming_light_.erase(coming_light_.begin(), end);
 }
 
+void UsbTriggerBox::start_train(HostTime now) {
+  FaultSchedule& faults = *options_.faults;
+  faults.train_started();
+  if (faults.take(FaultKind::kLightFlash)) disturb_light(now + kFlashDelay, kFlashDuration);
+  if (faults.take(FaultKind::kEdgeBounced)) disturb_light(now + kBounceDelay, kBounceDuration);
+  if (faults.take(FaultKind::kUsbGap)) drops_next_record_ = true;
+  if (faults.take(FaultKind::kUsbStall)) devices_.back()->stall_in();
+  if (const auto silent = faults.take(FaultKind::kUsbSilent))
+    silent_until_ = now + silent->duration;
+}
+
+void UsbTriggerBox::disturb_light(HostTime start, std::chrono::microseconds duration) {
+  coming_light_.emplace(start, level_adc_ > kMiddle_adc ? kDark_adc : kLight_adc);
+  coming_light_.emplace(start + duration, level_adc_);
+}
+
 // Two records a packet; the last packet is a short one, else the host would wait for more.
 void UsbTriggerBox::send(std::vector<rig::tb1::Record> records) {
   if (!records.empty() && std::exchange(drops_next_record_, false)) records.erase(records.begin());
-  if (records.empty() || is_mute_) return;
+  if (records.empty() || is_mute_ || HostClock::now() < silent_until_) return;
   std::vector<std::uint8_t> packet;
   for (const rig::tb1::Record& record : records) {
     const auto bytes = rig::tb1::encode(record);
@@ -161,9 +184,15 @@ void UsbTriggerBox::run(const std::stop_token& stop) {
     if (is_plugged_in_) {
       model_.set_queue_full(devices_.back()->waiting_packet_count() >= kQueuedPacketLimit);
       BoxOutput output = model_.advance(now);
+      if (options_.faults != nullptr)
+        for (const LinePulse& pulse : output.pulses)
+          if (pulse.index == 0) start_train(pulse.start);
       send(std::move(output.records));
       lock.unlock();
-      for (const LinePulse& pulse : output.pulses) on_pulse_(pulse);
+      for (const LinePulse& pulse : output.pulses) {
+        if (options_.faults != nullptr) options_.faults->pulse_started(pulse.index);
+        on_pulse_(pulse);
+      }
       lock.lock();
     }
     // Unplugged and in the dark there is nothing due; a day is then as good as for ever.

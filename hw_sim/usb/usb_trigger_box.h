@@ -13,6 +13,7 @@
 #include <thread>
 #include <vector>
 
+#include "hw_sim/faults/fault_schedule.h"
 #include "hw_sim/trigger_box_model.h"
 #include "hw_sim/usb/usb_testbed.h"
 #include "hw_sim/usb/usbfs_device.h"
@@ -25,7 +26,8 @@ struct UsbTriggerBoxOptions {
   std::uint16_t product_id = 0x0001;
   std::string serial = "TB-SIM-0001";
   UsbAddress address{};
-  double drift_ppm = 0;  // of the box's crystal
+  double drift_ppm = 0;             // of the box's crystal
+  FaultSchedule* faults = nullptr;  // outlives the box; told how far a capture is
 };
 
 // Thread-safe. Clients close the device before the box is destroyed.
@@ -58,6 +60,8 @@ class UsbTriggerBox {
   UsbReply control(const UsbSetup& setup, const std::vector<std::uint8_t>& data);
   void plug_in();  // with mutex_ held, as the following
   void see_light_until(rig::HostTime now);
+  void start_train(rig::HostTime now);
+  void disturb_light(rig::HostTime start, std::chrono::microseconds duration);
   void send(std::vector<rig::tb1::Record> records);
   rig::HostTime next_due() const;
 
@@ -79,6 +83,7 @@ class UsbTriggerBox {
   int level_adc_ = 0;
   bool is_plugged_in_ = false;
   bool is_mute_ = false;
+  rig::HostTime silent_until_;
   bool is_control_naked_ = false;
   bool drops_next_record_ = false;
   bool corrupts_next_config_ = false;
