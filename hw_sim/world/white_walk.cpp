@@ -26,40 +26,6 @@ PhotonRandom::PhotonRandom(std::uint64_t seed) {
   }
 }
 
-std::array<double, 3> deflected(const std::array<double, 3>& direction, double cosine,
-                                PhotonRandom& random) {
-  auto [u, v, w] = direction;
-  const double sine = std::sqrt(std::max(0.0, 1 - cosine * cosine));
-  double a = 0, b = 0, square = 2;
-  while (square > 1 || square == 0) {  // a random azimuth without trigonometry
-    a = 2 * random.uniform() - 1;
-    b = 2 * random.uniform() - 1;
-    square = a * a + b * b;
-  }
-  const double scale = sine / std::sqrt(square);
-  a *= scale;
-  b *= scale;
-  const double across2 = u * u + v * v;
-  if (across2 < 1e-12) {
-    u = a;
-    v = b;
-    w = w > 0 ? cosine : -cosine;
-  } else {
-    const double across = std::sqrt(across2);
-    const double new_u = (a * u * w - b * v) / across + u * cosine;
-    const double new_v = (a * v * w + b * u) / across + v * cosine;
-    w = -a * across + w * cosine;
-    u = new_u;
-    v = new_v;
-  }
-  // Rounding must not add up over thousands of turns.
-  const double norm = 1 / std::sqrt(u * u + v * v + w * w);
-  u *= norm;
-  v *= norm;
-  w *= norm;
-  return {u, v, w};
-}
-
 PhotonExit Walk::leaving(double share) const {
   const double sine = std::hypot(u, v);
   const double sine_outside = kSkinIndex * sine;

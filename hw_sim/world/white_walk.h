@@ -4,6 +4,7 @@
 // boundary. Shares nothing with the estimator's program: two that agree are evidence.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -48,8 +49,28 @@ inline double henyey_greenstein_cosine(double g, PhotonRandom& random) {
 }
 
 // A unit direction deflected by `cosine` about a random azimuth; a unit vector to rounding.
-std::array<double, 3> deflected(const std::array<double, 3>& direction, double cosine,
-                                PhotonRandom& random);
+inline std::array<double, 3> deflected(const std::array<double, 3>& direction, double cosine,
+                                       PhotonRandom& random) {
+  const auto [u, v, w] = direction;
+  double a = 0, b = 0, square = 2;
+  while (square > 1 || square == 0) {  // a random azimuth without trigonometry
+    a = 2 * random.uniform() - 1;
+    b = 2 * random.uniform() - 1;
+    square = a * a + b * b;
+  }
+  const double scale = std::sqrt(std::max(0.0, 1 - cosine * cosine) / square);
+  a *= scale;
+  b *= scale;
+  // Duff et al., "Building an Orthonormal Basis, Revisited" (2017): no square root, no pole.
+  const double sign = std::copysign(1.0, w);
+  const double p = -1 / (sign + w), q = u * v * p;
+  const double x = a * (1 + sign * u * u * p) + b * q + cosine * u;
+  const double y = a * sign * q + b * (sign + v * v * p) + cosine * v;
+  const double z = -a * sign * u - b * v + cosine * w;
+  // Rounding must not add up over thousands of turns: Newton's step to unit length.
+  const double norm = 1.5 - 0.5 * (x * x + y * y + z * z);
+  return {norm * x, norm * y, norm * z};
+}
 
 // Where a photon leaves, and with how much of its weight.
 struct PhotonExit {
