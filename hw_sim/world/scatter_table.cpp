@@ -19,7 +19,7 @@ namespace hw_sim {
 
 namespace {
 
-constexpr std::uint64_t kVersion = 1;  // of what a file holds
+constexpr std::uint64_t kVersion = 5;  // of what a file holds
 constexpr double kTailFrac = 1e-4;
 constexpr std::size_t kStrands = 16;  // of photons, each with its own sums: fixed, so that threads
                                       // do not change the numbers
@@ -66,9 +66,16 @@ double ratio_at(std::size_t i, std::size_t count) {
          std::pow(ScatterTable::kGreatestRatio / ScatterTable::kLeastRatio, share);
 }
 
+// How the radiance falls with the angle of exit, roughly: what the boundary lets through. What the
+// table holds is the share of it, which varies so little with the angle that linear hats, whose
+// means stand for their middle, lose little.
+double typical_radiance(double exit_rad) {
+  return 1 - fresnel_reflectance(std::cos(exit_rad), 1, kSkinIndex);
+}
+
 // 2 times the integral of node j's hat times sin^n over the hemisphere with Lambert's cosine: what
-// a Lambertian exit would put there. The last node's hat is flat to the horizon.
-double lambertian_share(std::span<const double> nodes, std::size_t j, int power) {
+// an exit of the typical radiance would put there. The last node's hat is flat to the horizon.
+double typical_share(std::span<const double> nodes, std::size_t j, int power) {
   constexpr int kSteps = 4000;
   double sum = 0;
   for (int i = 0; i < kSteps; ++i) {
@@ -80,7 +87,8 @@ double lambertian_share(std::span<const double> nodes, std::size_t j, int power)
       hat = (angle - nodes[j - 1]) / (nodes[j] - nodes[j - 1]);
     else if (j + 1 < nodes.size() && angle >= nodes[j] && angle < nodes[j + 1])
       hat = (nodes[j + 1] - angle) / (nodes[j + 1] - nodes[j]);
-    sum += hat * 2 * std::sin(angle) * std::cos(angle) * std::pow(std::sin(angle), power);
+    sum += hat * 2 * std::sin(angle) * std::cos(angle) * std::pow(std::sin(angle), power) *
+           typical_radiance(angle);
   }
   return sum * std::numbers::pi / 2 / kSteps;
 }
@@ -187,7 +195,7 @@ ScatterTable ScatterTable::make(int photons_per_angle, std::uint64_t seed,
           const std::size_t m = i < 9 ? i / 3 : 1 + (i - 9) / 2;
           // cos and sin series: twice the mean, but for the order 0.
           const double norm = (m > 0 ? 2.0 : 1.0) * (n > 0 ? 2.0 : 1.0) /
-                              (photons * lambertian_share(kExits_rad, exit, static_cast<int>(n)));
+                              (photons * typical_share(kExits_rad, exit, static_cast<int>(n)));
           for (std::size_t knot = 0; knot < SkinKernel::kKnots; ++knot) {
             double sum = 0;
             for (const Strand& strand : strands)
@@ -255,6 +263,7 @@ SkinKernel ScatterTable::kernel(const Scattering& scattering, const LightPath& p
   const std::array<double, 3> cos_b = {1, sine * std::cos(b), sine * sine * std::cos(2 * b)};
   const std::array<double, 2> sin_b = {sine * std::sin(b), sine * sine * std::sin(2 * b)};
   const double scale2 = scattering.sigma_s_prime_per_mm * scattering.sigma_s_prime_per_mm;
+  const double radiance = scale2 * typical_radiance(path.exit_rad);
   SkinKernel kernel;
   kernel.scale2_ = static_cast<float>(scale2);
   static const auto areas = knot_areas();
@@ -263,13 +272,13 @@ SkinKernel ScatterTable::kernel(const Scattering& scattering, const LightPath& p
       double sum = 0;
       for (std::size_t n = 0; n < 3; ++n)
         sum += cos_b[n] * static_cast<double>(sums[knot][3 * m + n]);
-      return static_cast<float>(scale2 * sum);
+      return static_cast<float>(radiance * sum);
     };
     const auto sines = [&](std::size_t m) {
       double sum = 0;
       for (std::size_t n = 0; n < 2; ++n)
         sum += sin_b[n] * static_cast<double>(sums[knot][9 + 2 * (m - 1) + n]);
-      return static_cast<float>(scale2 * sum);
+      return static_cast<float>(radiance * sum);
     };
     kernel.knots_[knot] = {cosines(0), cosines(1), sines(1), cosines(2), sines(2), 0, 0, 0};
     kernel.total_ += static_cast<double>(kernel.knots_[knot][0]) * areas[knot] / scale2;
