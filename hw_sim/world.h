@@ -7,15 +7,10 @@
 #include <vector>
 
 #include "estimation/base/image.h"
+#include "hw_sim/lamp_timing.h"
 #include "hw_sim/light.h"
 
 namespace hw_sim {
-
-// When a picture's light comes, beyond its moment on the LightTimeline.
-struct LampTiming {
-  int input_lag_refreshes = 0;          // beyond the display's own
-  std::chrono::nanoseconds scanout{0};  // from the light of a picture's first row to its last's
-};
 
 struct Exposure {
   // What the projector showed until the shutter closed, from LampTiming::scanout before it opened.

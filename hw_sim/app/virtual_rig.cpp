@@ -85,12 +85,14 @@ GigeDeviceOptions camera_options(const rig::RigFile& rig, FaultSchedule& faults)
 }
 
 GrabberSettings grabber_settings(const rig::RigFile& rig, const std::string& display,
-                                 FaultSchedule& faults) {
+                                 const LampTiming& lamp, FaultSchedule& faults) {
   GrabberSettings settings;
   settings.faults = &faults;
   settings.display = display;
   settings.output = VirtualScreen::kProjectorOutput;
   settings.refresh_hz = kRefresh_hz;
+  settings.input_lag_frames = lamp.input_lag_refreshes;
+  settings.square_delay = square_delay(lamp, rig.projector.sync_square, rig.projector.height_px);
   settings.sync_square = rig.projector.sync_square;
   settings.photodiode.is_inverted = rig.projector.sync_square.is_inverted;
   return settings;
@@ -140,7 +142,7 @@ rig::Result<std::unique_ptr<VirtualRig>> VirtualRig::start(const rig::RigFile& r
       [&camera = *parts->camera](LinePulse pulse) { camera.pulse(pulse.start, pulse.width); });
 
   rig::Result<std::unique_ptr<ScreenGrabber>> grabber = ScreenGrabber::start(
-      grabber_settings(rig, parts->screen->display(), faults), parts->light,
+      grabber_settings(rig, parts->screen->display(), world.lamp_timing(), faults), parts->light,
       [&preparer = parts->preparer](const auto& picture) { preparer.add(picture); },
       [&box = *parts->box](rig::HostTime time, int level_adc) { box.light(time, level_adc); });
   if (!grabber) return tl::unexpected(grabber.error());

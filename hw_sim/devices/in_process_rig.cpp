@@ -4,6 +4,15 @@
 
 namespace hw_sim {
 
+namespace {
+
+DisplayTiming lagged(DisplayTiming timing, const World& world) {
+  timing.input_lag_refreshes += world.lamp_timing().input_lag_refreshes;
+  return timing;
+}
+
+}  // namespace
+
 InProcessRig::InProcessRig(const World& world, InProcessOptions options)
     : world_(world),
       options_(std::move(options)),
@@ -11,7 +20,7 @@ InProcessRig::InProcessRig(const World& world, InProcessOptions options)
       camera_(options_.camera, options_.camera_timing, faults_, timeline_, world_, light_),
       trigger_(options_.trigger, faults_, timeline_,
                [this](const LinePulse& each) { pulse(each); }),
-      projector_(options_.projector, options_.display_timing, faults_, timeline_,
+      projector_(options_.projector, lagged(options_.display_timing, world_), faults_, timeline_,
                  [this](const std::shared_ptr<const Picture>& picture, bool is_square_light,
                         const FlipFaults& faults) { light(picture, is_square_light, faults); }) {
   // What the plan has for a rig at rest.
@@ -26,7 +35,11 @@ void InProcessRig::light(const std::shared_ptr<const Picture>& picture, bool is_
                          const FlipFaults& faults) {
   light_.show(timeline_.now(), picture);
   world_.prepare(picture);
-  trigger_.square(is_square_light, faults);
+  const auto delay = square_delay(world_.lamp_timing(), options_.projector.sync_square,
+                                  options_.projector.height_px);
+  if (delay.count() == 0) return trigger_.square(is_square_light, faults);
+  timeline_.schedule(timeline_.now() + delay,
+                     [this, is_square_light, faults] { trigger_.square(is_square_light, faults); });
 }
 
 void InProcessRig::pulse(const LinePulse& pulse) {

@@ -276,7 +276,7 @@ rig::Frame SimCamera::make_frame(const ExposureJob& job, std::vector<std::byte> 
 void SimCamera::expose(const ExposureJob& job, std::vector<std::byte>& pixels) const {
   estimation::Image<std::uint16_t> frame_dn(world_.height_px(), world_.width_px(),
                                             world_.channel_count());
-  world_.expose({light_.between(job.start, job.end()), job.duration, job.start.time_since_epoch(),
+  world_.expose({light_.between(job.start - world_.lamp_timing().scanout, job.end()), job.duration, job.start.time_since_epoch(),
                  job.trigger_number},
                 frame_dn.view());
   const auto samples = frame_dn.samples();

@@ -318,8 +318,9 @@ void ScreenGrabber::Eye::look_at_square(rig::HostTime lit_at) {
   const double frac = square_frac_ * level_frac_;
   if (is_stuck_ || square_frac_ < 0 || frac == seen_frac_) return;
   seen_frac_ = frac;
-  while (!levels_.empty() && levels_.back().time >= lit_at) levels_.pop_back();
-  const std::vector<LevelSample> samples = photodiode_.look(lit_at, frac);
+  const rig::HostTime seen_at = lit_at + settings_.square_delay;
+  while (!levels_.empty() && levels_.back().time >= seen_at) levels_.pop_back();
+  const std::vector<LevelSample> samples = photodiode_.look(seen_at, frac);
   levels_.insert(levels_.end(), samples.begin(), samples.end());
 }
 

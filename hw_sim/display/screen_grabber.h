@@ -21,6 +21,8 @@ struct GrabberSettings {
   std::string output = "DUMMY1";  // the projector's connector
   double refresh_hz = 60;
   int input_lag_frames = 0;  // refreshes that the projector takes beyond the next one
+  std::chrono::nanoseconds square_delay{
+      0};  // of the square's light, behind its picture's first row
   rig::SyncSquareSettings sync_square{};
   PhotodiodeSettings photodiode{};
   FaultSchedule* faults = nullptr;  // outlives the grabber

@@ -397,10 +397,11 @@ std::optional<Shot> GigeDevice::Impl::next_ended_shot(const std::stop_token& sto
 }
 
 void GigeDevice::Impl::expose(const Shot& shot) {
-  const Exposure exposure{.light = light_.between(shot.job.start, shot.job.end()),
-                          .duration = shot.job.duration,
-                          .start = shot.job.start.time_since_epoch(),
-                          .trigger_number = shot.job.trigger_number};
+  const Exposure exposure{
+      .light = light_.between(shot.job.start - world_.lamp_timing().scanout, shot.job.end()),
+      .duration = shot.job.duration,
+      .start = shot.job.start.time_since_epoch(),
+      .trigger_number = shot.job.trigger_number};
   world_.expose(exposure, sensor_dn_.view());
   std::shared_ptr<GvspBlock> block = sender_.take_block();
   // Locked to the end: a frame of one acquisition must not enter the next.
