@@ -35,6 +35,12 @@ void describe(const CommandRefused& refused, Json& line) {
   line["fault"] = to_string(refused.error.fault);
   line["detail"] = refused.error.detail;
 }
+void describe(const Reopened& reopened, Json& line) { line["device"] = to_string(reopened.device); }
+void describe(const ReopenRefused& refused, Json& line) {
+  line["device"] = to_string(refused.device);
+  line["fault"] = to_string(refused.error.fault);
+  line["detail"] = refused.error.detail;
+}
 void describe(const StorageFailed& failed, Json& line) { line["detail"] = failed.text; }
 void describe(const Start&, Json&) {}
 void describe(const TimePassed&, Json&) {}

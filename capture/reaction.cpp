@@ -31,8 +31,9 @@ Reaction reaction_to(Incident incident, rig::Bracketing bracketing) {
     case Incident::kFrameDuplicate:
     case Incident::kFrameLate:
       return Reaction::kIgnore;
-    case Incident::kDeviceRefused:
     case Incident::kDeviceLost:
+      return Reaction::kReopen;
+    case Incident::kDeviceRefused:
     case Incident::kStorage:
       return Reaction::kFail;
   }
@@ -115,6 +116,8 @@ std::string_view to_string(Reaction reaction) {
       return "retake";
     case Reaction::kRestart:
       return "restart";
+    case Reaction::kReopen:
+      return "reopen";
     case Reaction::kFail:
       return "fail";
   }

@@ -35,6 +35,7 @@ enum class Reaction {
   kIgnore,   // the ledger is not touched; counted in the journal
   kRetake,   // project the pattern again in this run
   kRestart,  // disarm, arm anew with all counters at one, then retake what is open
+  kReopen,   // wait for the device, open it anew, then as kRestart; without one to open: kFail
   kFail      // end the capture, black, with slots and cause named
 };
 

@@ -22,7 +22,7 @@ class Runner {
         plan_(plan),
         consumer_(consumer),
         on_transition_(on_transition),
-        sequence_(rules, plan.order),
+        sequence_(with_reopener(rules, devices), plan.order),
         state_(sequence_.initial()) {}
 
   RunResult run(const std::stop_token& stop) {
@@ -38,11 +38,16 @@ class Runner {
         wait_and_feed(is_abort_told_ ? std::stop_token() : stop);
       }
     }
-    return {state_.outcome, state_.failure, state_.ledger.slots(), retake_count(state_),
-            state_.restart_count};
+    return {state_.outcome,       state_.failure,       state_.ledger.slots(),
+            retake_count(state_), state_.restart_count, state_.reopen_count};
   }
 
  private:
+  static SequenceRules with_reopener(SequenceRules rules, const Devices& devices) {
+    if (devices.reopener == nullptr) rules.reopen_deadline = std::chrono::milliseconds(0);
+    return rules;
+  }
+
   void wait_and_feed(const std::stop_token& stop) {
     const rig::HostTime check_time = devices_.events.now() + kConsumerCheckPeriod;
     const rig::HostTime deadline = Sequence::deadline(state_).value_or(check_time);
@@ -98,6 +103,17 @@ class Runner {
     devices_.camera.disarm();
     frames_.clear();
   }
+  void act(const Reopen& reopen) {
+    devices_.reopener->close(reopen.device);
+    // What the old device had still to say comes before the answer.
+    const rig::HostTime now = devices_.events.now();
+    while (auto event = devices_.events.wait(now, {}))
+      std::visit([this](auto& e) { pending_.push_back(translate(std::move(e))); }, *event);
+    if (const auto opened = devices_.reopener->open(reopen.device); !opened)
+      pending_.push_back(ReopenRefused{reopen.device, opened.error()});
+    else
+      pending_.push_back(Reopened{reopen.device});
+  }
   void act(const KeepFrame& keep) {
     const auto found = frames_.find(keep.ticket);
     const auto bracket = static_cast<std::size_t>(keep.slot.bracket);
@@ -138,6 +154,7 @@ SequenceRules make_rules(const rig::RigFile& rig_file, double refresh_hz) {
   rules.bracketing = rig_file.camera.bracketing;
   rules.edge_deadline = rig_file.sequence.edge_deadline;
   rules.retake_limit = rig_file.sequence.retake_limit;
+  rules.reopen_deadline = rig_file.sequence.reopen_deadline;
   return rules;
 }
 

@@ -12,6 +12,7 @@
 #include "rig/camera.h"
 #include "rig/event.h"
 #include "rig/projector.h"
+#include "rig/reopener.h"
 #include "rig/rig_file.h"
 #include "rig/trigger.h"
 
@@ -23,6 +24,7 @@ struct Devices {
   rig::Trigger& trigger;
   rig::Camera& camera;
   rig::EventSource& events;
+  rig::Reopener* reopener = nullptr;  // nullptr: a lost device fails the capture
 };
 
 // One call of Sequence::next(), for the journal and the progress.
@@ -41,6 +43,7 @@ struct RunResult {
   std::vector<Slot> slots;         // pattern by pattern
   int retake_count = 0;
   int restart_count = 0;
+  int reopen_count = 0;
 };
 
 int retake_count(const SequenceState& state);

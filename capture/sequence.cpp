@@ -14,6 +14,7 @@ using std::chrono::milliseconds;
 // Arming talks to two devices and reads every setting back: a dead camera takes 2.5 s to say so.
 constexpr milliseconds kArmDeadline{10'000};
 constexpr milliseconds kBlackDeadline{500};
+constexpr milliseconds kReopenPeriod{500};
 
 template <typename... Handlers>
 struct Overloaded : Handlers... {
@@ -106,8 +107,8 @@ class Turn {
   void take(const CommandRefused& refused) { take_device_error(refused.device, refused.error); }
   void take(const rig::DeviceFault& fault) {
     // Between runs only a lost device matters: the rest is of a run that is given up.
-    if (is_running(state().phase) ||
-        reaction_to(incident_of(fault.error.fault), rules_.bracketing) == Reaction::kFail)
+    if (is_running(state().phase) || incident_of(fault.error.fault) == Incident::kDeviceLost ||
+        incident_of(fault.error.fault) == Incident::kDeviceRefused)
       take_device_error(fault.device, fault.error);
   }
   void take(const StorageFailed& failed) {
@@ -146,12 +147,58 @@ class Turn {
     if (is_over(state().phase)) return;
     const Finding finding{incident_of(error.fault), ledger().showing_pattern(), kNoBracket,
                           error.detail};
-    if (reaction_to(finding.incident, rules_.bracketing) == Reaction::kFail) {
-      step_.reacted.push_back({finding, Reaction::kFail});
-      fail(finding, device, std::string(to_string(device)) + ": " + error.detail);
-    } else {
-      react({finding});
+    const Reaction reaction = reaction_to(finding.incident, rules_.bracketing);
+    if (reaction != Reaction::kFail && reaction != Reaction::kReopen) return react({finding});
+    // A window whose X server is gone cannot be made again in this process.
+    const bool is_final =
+        device == rig::Device::kProjector && error.fault == rig::Fault::kDeviceLost;
+    if (reaction == Reaction::kReopen && !is_final && may_reopen()) return reopen(finding, device);
+    step_.reacted.push_back({finding, Reaction::kFail});
+    fail(finding, device, std::string(to_string(device)) + ": " + error.detail);
+  }
+
+  // A window's X server aside, any device that was lost, a bounded number of times.
+  bool may_reopen() {
+    return rules_.reopen_deadline.count() > 0 &&
+           (std::holds_alternative<Reopening>(state().phase) ||
+            state().reopen_count < rules_.reopen_limit);
+  }
+
+  void reopen(const Finding& finding, rig::Device device) {
+    ledger().note(finding);
+    if (auto* reopening = std::get_if<Reopening>(&state().phase)) {
+      auto& lost = reopening->lost;
+      if (std::find(lost.begin(), lost.end(), device) == lost.end()) lost.push_back(device);
+      return;
     }
+    step_.reacted.push_back({finding, Reaction::kReopen});
+    ++state().reopen_count;
+    discard_unconfirmed();
+    step_.actions.push_back(Disarm{});
+    state().phase = Reopening{{device}, true, now_, now_ + rules_.reopen_deadline};
+    step_.actions.push_back(Reopen{device});
+  }
+
+  void take(const Reopened& reopened) {
+    auto* reopening = std::get_if<Reopening>(&state().phase);
+    if (reopening == nullptr) return;
+    std::erase(reopening->lost, reopened.device);
+    if (reopening->lost.empty()) return darken();
+    step_.actions.push_back(Reopen{reopening->lost.front()});
+  }
+
+  void take(const ReopenRefused& refused) {
+    auto* reopening = std::get_if<Reopening>(&state().phase);
+    if (reopening == nullptr) return;
+    reopening->is_trying = false;
+    reopening->next_try = now_ + kReopenPeriod;
+    if (now_ < reopening->give_up) return;
+    const Finding finding{Incident::kDeviceLost, ledger().showing_pattern(), kNoBracket,
+                          refused.error.detail};
+    step_.reacted.push_back({finding, Reaction::kFail});
+    fail(finding, refused.device,
+         std::string(to_string(refused.device)) + ": lost, and not back within " +
+             std::to_string(rules_.reopen_deadline.count() / 1000) + " s: " + refused.error.detail);
   }
 
   void judge_frames() {
@@ -217,6 +264,11 @@ class Turn {
                    [](const auto&) { return std::optional<Finding>(); }},
         state().phase);
     if (overdue) react({*overdue});
+    if (auto* reopening = std::get_if<Reopening>(&state().phase);
+        reopening != nullptr && !reopening->is_trying && now_ >= reopening->next_try) {
+      reopening->is_trying = true;
+      step_.actions.push_back(Reopen{reopening->lost.front()});
+    }
     if (const auto* blackening = std::get_if<Blackening>(&state().phase))
       if (now_ >= blackening->deadline) state().phase = Ended{};
   }
@@ -237,11 +289,13 @@ class Turn {
         case Reaction::kIgnore:
           break;
         case Reaction::kRetake:
-          if (count_retake(finding)) retake(finding);
+          if (!count_retake(finding)) return;
+          retake(finding);
           break;
         case Reaction::kRestart:
           if (count_retake(finding)) restart();
-          return;  // the other findings were of the run that has just ended
+          return;                // the other findings were of the run that has just ended
+        case Reaction::kReopen:  // no device is named: arming did not end
         case Reaction::kFail:
           fail(finding, std::nullopt, finding.detail);
           break;
@@ -281,6 +335,15 @@ class Turn {
     if (count < rules_.retake_limit) {
       ++count;
       return true;
+    }
+    // Frames that fail to come again and again: a cable that was pulled too short a time ago for
+    // the driver to know.
+    const bool is_frame =
+        finding.incident == Incident::kFrameMissing || finding.incident == Incident::kFrameDamaged;
+    if (is_frame && may_reopen()) {
+      count = 0;
+      reopen(finding, rig::Device::kCamera);
+      return false;
     }
     std::string text = name_of_pattern(finding.pattern);
     if (finding.bracket != kNoBracket) text += " bracket " + std::to_string(finding.bracket);
@@ -415,6 +478,10 @@ std::optional<rig::HostTime> Sequence::deadline(const SequenceState& state) {
       std::visit(Overloaded{[](const Idle&) { return std::optional<rig::HostTime>(); },
                             [](const Ended&) { return std::optional<rig::HostTime>(); },
                             [](const Collecting&) { return std::optional<rig::HostTime>(); },
+                            [](const Reopening& reopening) {
+                              return std::optional(reopening.is_trying ? reopening.give_up
+                                                                       : reopening.next_try);
+                            },
                             [](const auto& waiting) { return std::optional(waiting.deadline); }},
                  state.phase);
   if (is_running(state.phase)) {
@@ -425,9 +492,9 @@ std::optional<rig::HostTime> Sequence::deadline(const SequenceState& state) {
 }
 
 std::string_view name_of(const Phase& phase) {
-  constexpr std::string_view kNames[] = {"idle",       "darkening", "settling",   "arming",
-                                         "showing",    "exposing",  "collecting", "confirming",
-                                         "blackening", "ended"};
+  constexpr std::string_view kNames[] = {"idle",      "darkening",  "settling",   "arming",
+                                         "showing",   "exposing",   "collecting", "confirming",
+                                         "reopening", "blackening", "ended"};
   static_assert(std::size(kNames) == std::variant_size_v<Phase>);
   return kNames[phase.index()];
 }
@@ -436,7 +503,7 @@ std::string_view name_of(const SequenceEvent& event) {
   constexpr std::string_view kNames[] = {
       "start",          "time passed",   "abort requested", "armed",       "command refused",
       "storage failed", "picture shown", "edge seen",       "pulse ended", "edge ignored",
-      "frame seen",     "frame damaged", "device fault"};
+      "frame seen",     "frame damaged", "device fault",    "reopened",    "reopen refused"};
   static_assert(std::size(kNames) == std::variant_size_v<SequenceEvent>);
   return kNames[event.index()];
 }

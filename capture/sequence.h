@@ -20,9 +20,11 @@
 // by all its frames having come, that camera and box count alike. Handshake pace: the next pattern
 // is shown when the last pulse of this one has ended, and its frames are checked meanwhile; but
 // frames of no more than two showings are ever on their way, so a slow link slows the pace.
-// A frame is handed on when a later picture has been shown: a projector answers a show() only while
-// its monitor is as it was opened (rig/projector.h), so the light of the frame was ours. Confirming
-// is that for the last pattern: black under the same square.
+// A lost device ends the run, not the capture: Reopening, drawn nowhere because every state of a
+// run leads there, has it opened anew every half second, and goes on with Darkening, or fails when
+// the device's time is up. A frame is handed on when a later picture has been shown: a projector
+// answers a show() only while its monitor is as it was opened (rig/projector.h), so the light of
+// the frame was ours. Confirming is that for the last pattern: black under the same square.
 // Deadlines: every waiting state has one in it or, for frames, in the ledger; deadline() is the
 // earliest, and TimePassed makes next() look at them.
 #pragma once
@@ -50,6 +52,9 @@ struct SequenceRules {
   rig::Bracketing bracketing = rig::Bracketing::kSequencer;
   std::chrono::milliseconds edge_deadline{500};  // from show() to the photodiode's edge
   int retake_limit = 3;                          // per pattern
+  // For a lost device to come back; 0: there is nobody to open it anew.
+  std::chrono::milliseconds reopen_deadline{0};
+  int reopen_limit = 3;  // per capture
   // Black and still before arming: more than any projector's input lag (6 refreshes at 60 Hz).
   std::chrono::milliseconds settle_time{100};
 };
@@ -63,6 +68,13 @@ struct CommandRefused {
   rig::Device device = rig::Device::kCamera;
   rig::Error error;
 };
+struct Reopened {
+  rig::Device device = rig::Device::kCamera;
+};
+struct ReopenRefused {
+  rig::Device device = rig::Device::kCamera;
+  rig::Error error;
+};
 struct StorageFailed {
   std::string text;
 };
@@ -72,7 +84,7 @@ struct FrameSeen {
 using SequenceEvent =
     std::variant<Start, TimePassed, AbortRequested, Armed, CommandRefused, StorageFailed,
                  rig::PictureShown, rig::EdgeSeen, rig::PulseEnded, rig::EdgeIgnored, FrameSeen,
-                 rig::FrameDamaged, rig::DeviceFault>;
+                 rig::FrameDamaged, rig::DeviceFault, Reopened, ReopenRefused>;
 std::string_view name_of(const SequenceEvent& event);
 
 enum class Outcome { kComplete, kFailed, kAborted };
@@ -106,13 +118,19 @@ struct Confirming {
   std::uint64_t show_id = 0;
   rig::HostTime deadline;
 };
+struct Reopening {
+  std::vector<rig::Device> lost;  // the first is being opened
+  bool is_trying = true;          // else waiting for the next try
+  rig::HostTime next_try;
+  rig::HostTime give_up;
+};
 struct Blackening {
   std::uint64_t show_id = 0;
   rig::HostTime deadline;
 };
 struct Ended {};
 using Phase = std::variant<Idle, Darkening, Settling, Arming, Showing, Exposing, Collecting,
-                           Confirming, Blackening, Ended>;
+                           Confirming, Reopening, Blackening, Ended>;
 std::string_view name_of(const Phase& phase);
 
 struct KeepFrame {
@@ -127,6 +145,7 @@ struct SequenceState {
   std::deque<int> queue{};           // patterns still to show, next first
   std::vector<int> retake_counts{};  // [pattern + 1]; the first is the priming's
   int restart_count = 0;
+  int reopen_count = 0;
   std::uint32_t run_id = 0;  // of the latest arming
   std::uint64_t next_show_id = 1;
   std::uint64_t shown_show_id = 0;       // the newest that was answered
@@ -146,10 +165,13 @@ struct Arm {  // camera first: the box must not fire into a camera that does not
   int frame_count = 0;
 };
 struct Disarm {};  // box first; frames not kept so far are let go
+struct Reopen {    // answered by Reopened or ReopenRefused
+  rig::Device device = rig::Device::kCamera;
+};
 struct DropFrame {
   std::uint64_t ticket = 0;
 };
-using Action = std::variant<Show, Arm, Disarm, KeepFrame, DropFrame>;
+using Action = std::variant<Show, Arm, Disarm, Reopen, KeepFrame, DropFrame>;
 
 struct Reacted {
   Finding finding;

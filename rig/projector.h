@@ -64,9 +64,9 @@ class Projector {
   virtual Result<void> load(std::vector<estimation::Image<unsigned char>> pictures) = 0;
 
   // Asks for a picture and returns at once; PictureShown follows, or DeviceFault. PictureShown also
-  // says that the monitor, its mode and its gamma ramp were as opened until this picture was drawn. The square
-  // belongs to no picture and covers it. Requests are shown in order, each for at least one
-  // refresh. Errors: kOutOfRange for a picture that is not loaded; kDisplayChanged.
+  // says that the monitor, its mode and its gamma ramp were as opened until this picture was drawn.
+  // The square belongs to no picture and covers it. Requests are shown in order, each for at least
+  // one refresh. Errors: kOutOfRange for a picture that is not loaded; kDisplayChanged.
   virtual Result<void> show(const ShowRequest& request) = 0;
 };
 

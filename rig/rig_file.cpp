@@ -304,6 +304,7 @@ void read_sequence(Section& section, SequenceSettings& sequence) {
   section.integer("edge_deadline_ms", 10, 60000, into(sequence.edge_deadline));
   section.integer("frame_deadline_ms", 10, 600000, into(sequence.frame_deadline));
   section.integer("retake_limit", 0, 100, into(sequence.retake_limit));
+  section.integer("reopen_deadline_ms", 0, 600000, into(sequence.reopen_deadline));
   section.choice<bool>("order", {{"plan", false}, {"shuffled", true}},
                        [&](bool value) { sequence.is_shuffled = value; });
   section.report_unknown();

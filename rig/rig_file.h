@@ -29,6 +29,8 @@ struct SequenceSettings {
   std::chrono::milliseconds edge_deadline{500};      // from show() to the photodiode's edge
   std::chrono::milliseconds frame_deadline{1000};    // from the end of a pulse to its frame
   int retake_limit = 3;                              // per pattern; then the capture fails
+  // For a lost device to come back during a capture; 0: the capture fails at once.
+  std::chrono::milliseconds reopen_deadline{30'000};
   bool is_shuffled = false;  // order of the stripe shifts (estimation.md section 4)
 };
 

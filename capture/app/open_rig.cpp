@@ -18,18 +18,43 @@ std::unique_ptr<Device> take(rig::Result<std::unique_ptr<Device>> opened, rig::D
 
 std::unique_ptr<OpenRig> OpenRig::open(const rig::RigFile& rig_file,
                                        std::vector<std::string>& problems) {
-  std::unique_ptr<OpenRig> rig(new OpenRig);
+  std::unique_ptr<OpenRig> rig(new OpenRig(rig_file));
   rig::EventQueue& events = *rig->events_;
   auto camera = rig::AravisCamera::open(rig_file.camera, events);
   const bool is_others = !camera && camera.error().fault == rig::Fault::kAccessDenied;
-  rig->camera_ = take(std::move(camera), rig::Device::kCamera, problems);
+  rig->camera_.emplace(take(std::move(camera), rig::Device::kCamera, problems));
   if (is_others) return nullptr;  // a second window would cover the other program's patterns
-  rig->trigger_ =
-      take(rig::LibusbTrigger::open(rig_file.trigger, events), rig::Device::kTrigger, problems);
+  rig->trigger_.emplace(
+      take(rig::LibusbTrigger::open(rig_file.trigger, events), rig::Device::kTrigger, problems));
   rig->projector_ =
       take(rig::GlfwProjector::open(rig_file.projector, events), rig::Device::kProjector, problems);
   if (!problems.empty()) return nullptr;
   return rig;
+}
+
+void OpenRig::close(rig::Device device) {
+  if (device == rig::Device::kCamera) camera_->set(nullptr);
+  if (device == rig::Device::kTrigger) trigger_->set(nullptr);
+}
+
+rig::Result<void> OpenRig::open(rig::Device device) {
+  switch (device) {
+    case rig::Device::kProjector:
+      return projector_->check();
+    case rig::Device::kTrigger: {
+      auto trigger = rig::LibusbTrigger::open(rig_file_.trigger, *events_);
+      if (!trigger) return tl::unexpected(trigger.error());
+      trigger_->set(std::move(*trigger));
+      return {};
+    }
+    case rig::Device::kCamera: {
+      auto camera = rig::AravisCamera::open(rig_file_.camera, *events_);
+      if (!camera) return tl::unexpected(camera.error());
+      camera_->set(std::move(*camera));
+      return {};
+    }
+  }
+  return {};
 }
 
 }  // namespace capture

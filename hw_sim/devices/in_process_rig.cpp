@@ -56,13 +56,22 @@ void InProcessRig::take_device_faults() {
     trigger_.dim_photodiode(dim->level_frac);
     undo_after(dim->duration, [this] { trigger_.dim_photodiode(1); });
   }
-  if (faults_.take(FaultKind::kUsbUnplugged)) trigger_.unplug();
-  if (faults_.take(FaultKind::kCameraRebooted)) camera_.reboot();
+  if (const auto out = faults_.take(FaultKind::kUsbUnplugged)) {
+    trigger_.unplug();
+    undo_after(out->duration, [this] { trigger_.plug_in(); });
+  }
+  if (const auto off = faults_.take(FaultKind::kCameraRebooted)) {
+    camera_.power_off();
+    undo_after(off->duration, [this] { camera_.power_on(); });
+  }
   if (const auto pulled = faults_.take(FaultKind::kCablePulled)) {
     camera_.pull_cable();
     undo_after(pulled->duration, [this] { camera_.plug_cable_in(); });
   }
-  if (faults_.take(FaultKind::kControlStolen)) camera_.steal_control();
+  if (const auto stolen = faults_.take(FaultKind::kControlStolen)) {
+    camera_.steal_control();
+    undo_after(stolen->duration, [this] { camera_.give_control_back(); });
+  }
   if (const auto gone = faults_.take(FaultKind::kProjectorGone)) {
     projector_.unplug();
     undo_after(gone->duration, [this] { projector_.plug_in(); });
@@ -71,6 +80,23 @@ void InProcessRig::take_device_faults() {
     projector_.set_gamma(gamma->gamma_exponent);
     undo_after(gamma->duration, [this] { projector_.set_gamma(1); });
   }
+}
+
+void InProcessRig::close(rig::Device device) {
+  if (device == rig::Device::kCamera) camera_.disarm();
+  if (device == rig::Device::kTrigger) trigger_.disarm();
+}
+
+rig::Result<void> InProcessRig::open(rig::Device device) {
+  switch (device) {
+    case rig::Device::kProjector:
+      return projector_.check();
+    case rig::Device::kTrigger:
+      return trigger_.open_again();
+    case rig::Device::kCamera:
+      return camera_.open_again();
+  }
+  return {};
 }
 
 void InProcessRig::undo_after(std::chrono::milliseconds duration, std::function<void()> undo) {

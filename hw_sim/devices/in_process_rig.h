@@ -12,6 +12,7 @@
 #include "hw_sim/world.h"
 #include "rig/camera.h"
 #include "rig/projector.h"
+#include "rig/reopener.h"
 #include "rig/trigger.h"
 
 namespace hw_sim {
@@ -26,7 +27,7 @@ struct InProcessOptions {
 };
 
 // Not thread-safe. `world` outlives the rig; frames taken from it may outlive both.
-class InProcessRig {
+class InProcessRig final : public rig::Reopener {
  public:
   InProcessRig(const World& world, InProcessOptions options);
   InProcessRig(const InProcessRig&) = delete;
@@ -36,6 +37,8 @@ class InProcessRig {
   SimProjector& projector() { return projector_; }
   SimTrigger& trigger() { return trigger_; }
   SimCamera& camera() { return camera_; }
+  void close(rig::Device device) override;
+  rig::Result<void> open(rig::Device device) override;
   // What the projector shows at this moment; nullptr before its first picture.
   std::shared_ptr<const Picture> picture_now() const;
 

@@ -232,13 +232,32 @@ void SimCamera::lose() {
   timeline_.post(rig::DeviceFault{rig::Device::kCamera, lost()});
 }
 
-void SimCamera::reboot() {
+void SimCamera::power_off() {
+  is_powered_ = false;
   lose();
+}
+
+void SimCamera::power_on() {
+  is_powered_ = true;
   power_up_ = timeline_.now();
   clock_step_ = nanoseconds(0);
 }
 
+void SimCamera::give_control_back() { is_controlled_by_other_ = false; }
+
+rig::Result<void> SimCamera::open_again() {
+  if (!is_powered_ || is_cable_pulled_)
+    return rig::failure(rig::Fault::kNotFound, "no camera answers; see its power and its cable");
+  if (is_controlled_by_other_)
+    return rig::failure(rig::Fault::kAccessDenied, "another program controls the camera; end it");
+  disarm();
+  is_lost_ = false;
+  ++cable_number_;  // the patience of before is void
+  return {};
+}
+
 void SimCamera::steal_control() {
+  is_controlled_by_other_ = true;
   disarm();  // the other program stops the acquisition
   timeline_.schedule(timeline_.now() + kControlCheckPeriod, [this] { lose(); });
 }
@@ -276,8 +295,8 @@ rig::Frame SimCamera::make_frame(const ExposureJob& job, std::vector<std::byte> 
 void SimCamera::expose(const ExposureJob& job, std::vector<std::byte>& pixels) const {
   estimation::Image<std::uint16_t> frame_dn(world_.height_px(), world_.width_px(),
                                             world_.channel_count());
-  world_.expose({light_.between(job.start - world_.lamp_timing().scanout, job.end()), job.duration, job.start.time_since_epoch(),
-                 job.trigger_number},
+  world_.expose({light_.between(job.start - world_.lamp_timing().scanout, job.end()), job.duration,
+                 job.start.time_since_epoch(), job.trigger_number},
                 frame_dn.view());
   const auto samples = frame_dn.samples();
   if (is_8_bit(settings_.pixel_format))

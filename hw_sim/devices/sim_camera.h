@@ -48,11 +48,15 @@ class SimCamera final : public rig::Camera {
   // Faults of the whole device. Rebooted: its settings, counters and clock start anew. Lost is what
   // the driver says at once where the camera itself tells, and after the heartbeat's patience where
   // nothing does.
-  void reboot();
+  void power_off();
+  void power_on();
   void steal_control();
+  void give_control_back();
   void pull_cable();
   void plug_cable_in();
   void step_clock(std::chrono::nanoseconds step) { clock_step_ += step; }
+  // What a driver does to a camera that it lost. Errors: kNotFound, kAccessDenied.
+  rig::Result<void> open_again();
   // A pulse on the line that nobody sent.
   void disturb_line();
 
@@ -90,6 +94,8 @@ class SimCamera final : public rig::Camera {
   std::uint64_t block_id_ = 0;       // of this arming
   std::uint64_t cable_number_ = 0;   // how often the cable was pulled or plugged in
   bool is_cable_pulled_ = false;
+  bool is_powered_ = true;
+  bool is_controlled_by_other_ = false;
   std::chrono::nanoseconds clock_step_{0};
   std::chrono::microseconds last_exposure_{0};
   rig::CameraCounters counters_;

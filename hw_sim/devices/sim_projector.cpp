@@ -160,6 +160,11 @@ std::shared_ptr<const Picture> SimProjector::compose(const rig::ShowRequest& req
   return picture;
 }
 
+rig::Result<void> SimProjector::check() const {
+  if (is_changed_) return tl::unexpected(changed(is_plugged_in_));
+  return {};
+}
+
 void SimProjector::set_gamma(double exponent) {
   gamma_exponent_ = exponent;
   if (!is_plugged_in_ || !lit_) return;

@@ -42,6 +42,9 @@ class SimProjector final : public rig::Projector {
   rig::Result<void> load(std::vector<estimation::Image<unsigned char>> pictures) override;
   rig::Result<void> show(const rig::ShowRequest& request) override;
 
+  // Is the display as it was opened? Errors: kDisplayChanged.
+  rig::Result<void> check() const;
+
   // Faults. The driver notices a changed gamma ramp when it shows the next picture, or by its
   // watch; an unplugged monitor at once; and recovers by itself when all is as it was.
   void set_gamma(double exponent);  // 1 is identity

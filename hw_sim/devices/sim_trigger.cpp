@@ -183,7 +183,23 @@ void SimTrigger::disturb(rig::HostTime start, microseconds duration) {
   timeline_.schedule(start + duration, [this] { photodiode(level_now()); });
 }
 
+void SimTrigger::plug_in() {
+  is_plugged_in_ = true;
+  box_ = TriggerBoxModel(timeline_.now());
+}
+
+rig::Result<void> SimTrigger::open_again() {
+  if (!is_plugged_in_)
+    return rig::failure(rig::Fault::kNotFound, "no trigger box on USB; check its cable");
+  disarm();
+  is_lost_ = false;
+  clock_ = {};
+  photodiode(level_now());
+  return {};
+}
+
 void SimTrigger::unplug() {
+  is_plugged_in_ = false;
   if (std::exchange(is_lost_, true)) return;
   timeline_.post(rig::DeviceFault{rig::Device::kTrigger, lost()});
 }

@@ -40,6 +40,9 @@ class SimTrigger final : public rig::Trigger {
   void dim_photodiode(double level_frac);  // 1: as it was
   void silence_until(rig::HostTime end);
   void unplug();  // the box loses its power, too
+  void plug_in();
+  // What a driver does to a box that it lost. Errors: kNotFound.
+  rig::Result<void> open_again();
   // Those that happen when a train starts, or while idle.
   void take_train_faults();
 
@@ -68,6 +71,7 @@ class SimTrigger final : public rig::Trigger {
   bool is_stuck_ = false;
   double level_frac_ = 1;
   bool drops_next_record_ = false;
+  bool is_plugged_in_ = true;
   rig::HostTime silent_until_;
   bool is_lost_ = false;
 };

@@ -595,6 +595,11 @@ class GlfwProjector::Requests {
     return request;
   }
 
+  Result<void> check() const {
+    const std::lock_guard lock(mutex_);
+    return check_state();
+  }
+
   State state() const {
     const std::lock_guard lock(mutex_);
     return state_;
@@ -668,6 +673,8 @@ Result<void> GlfwProjector::show(const ShowRequest& request) {
   if (added) glfwPostEmptyEvent();
   return added;
 }
+
+Result<void> GlfwProjector::check() const { return requests_->check(); }
 
 Result<void> GlfwProjector::run(const std::stop_token& stop) {
   const std::stop_callback wake(stop, [] { glfwPostEmptyEvent(); });

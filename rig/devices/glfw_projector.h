@@ -34,6 +34,9 @@ class GlfwProjector final : public Projector {
   // further requests. Once. Errors: kDeviceLost if the X server went away.
   Result<void> run(const std::stop_token& stop);
 
+  // Thread-safe. Is the display as it was opened? Errors: kDisplayChanged, with what to put right.
+  Result<void> check() const;
+
   DisplayReport report() const override;
   Result<void> load(std::vector<estimation::Image<unsigned char>> pictures) override;
   Result<void> show(const ShowRequest& request) override;

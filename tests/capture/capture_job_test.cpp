@@ -166,7 +166,9 @@ TEST_F(CaptureJobTest, AbortKeepsTheFramesSoFar) {
 }
 
 TEST_F(CaptureJobTest, LostDeviceIsAFailedSessionWithItsCause) {
-  const CaptureResult result = run({.faults = {fault_at(FaultKind::kCameraRebooted, 20)}});
+  hw_sim::PlannedFault off = fault_at(FaultKind::kCameraRebooted, 20);
+  off.duration = std::chrono::milliseconds(0);
+  const CaptureResult result = run({.faults = {off}});
   EXPECT_EQ(result.exit_code, ExitCode::kDevice);
   EXPECT_THAT(result.message, HasSubstr("camera is gone"));
   const auto manifest = estimation::read_manifest(result.session);

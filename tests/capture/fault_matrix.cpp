@@ -35,8 +35,9 @@ rig::RigFile rig_file_of(rig::Bracketing bracketing) {
   return rig_file;
 }
 
-MatrixCell run_cell(FaultKind kind, std::size_t place, rig::Bracketing bracketing) {
-  MatrixCell cell{kind, place, bracketing, {}};
+MatrixCell run_cell(std::size_t fault, std::size_t place, rig::Bracketing bracketing) {
+  MatrixCell cell{fault, place, bracketing, {}};
+  const FaultKind kind = matrix_faults()[fault].fault.kind;
   const int showing = matrix_places()[place].showing;
   if (showing == hw_sim::kIdle && !hw_sim::is_possible_idle(kind)) return cell;
   const int bracket_count =
@@ -46,17 +47,18 @@ MatrixCell run_cell(FaultKind kind, std::size_t place, rig::Bracketing bracketin
       if (!has_chunks && bracketing == rig::Bracketing::kSequencer) continue;  // refused at arming
       hw_sim::CameraTiming timing;
       timing.has_chunks = has_chunks;
-      cell.trials.push_back(try_faults({.faults = {fault_at(kind, showing, bracket)}},
-                                       rig_file_of(bracketing), timing));
+      hw_sim::PlannedFault planned = matrix_faults()[fault].fault;
+      planned.place = hw_sim::FaultPlace{showing, bracket};
+      cell.trials.push_back(try_faults({.faults = {planned}}, rig_file_of(bracketing), timing));
     }
   }
   return cell;
 }
 
-const MatrixCell* find(const std::vector<MatrixCell>& cells, FaultKind kind, std::size_t place,
+const MatrixCell* find(const std::vector<MatrixCell>& cells, std::size_t fault, std::size_t place,
                        rig::Bracketing bracketing) {
   for (const MatrixCell& cell : cells)
-    if (cell.kind == kind && cell.place == place && cell.bracketing == bracketing) return &cell;
+    if (cell.fault == fault && cell.place == place && cell.bracketing == bracketing) return &cell;
   return nullptr;
 }
 
@@ -80,12 +82,12 @@ std::string outcome_text(const MatrixCell& cell, milliseconds faultless) {
   return text;
 }
 
-std::string row(const std::vector<MatrixCell>& cells, FaultKind kind, rig::Bracketing bracketing,
+std::string row(const std::vector<MatrixCell>& cells, std::size_t fault, rig::Bracketing bracketing,
                 milliseconds faultless) {
   std::set<std::string> detected, done;
   std::string outcomes;
   for (std::size_t place = 0; place < matrix_places().size(); ++place) {
-    const MatrixCell& cell = *find(cells, kind, place, bracketing);
+    const MatrixCell& cell = *find(cells, fault, place, bracketing);
     for (const Trial& trial : cell.trials) {
       detected.insert(trial.detected.begin(), trial.detected.end());
       done.insert(trial.done.begin(), trial.done.end());
@@ -93,7 +95,7 @@ std::string row(const std::vector<MatrixCell>& cells, FaultKind kind, rig::Brack
     outcomes.append(" ").append(outcome_text(cell, faultless)).append(" |");
   }
   return std::string("| ")
-      .append(to_string(kind))
+      .append(matrix_faults()[fault].name)
       .append(" | ")
       .append(joined(detected))
       .append(" | ")
@@ -140,12 +142,33 @@ const std::vector<MatrixPlace>& matrix_places() {
   return places;
 }
 
+const std::vector<MatrixFault>& matrix_faults() {
+  static const std::vector<MatrixFault> faults = [] {
+    std::vector<MatrixFault> made;
+    for (int kind = 0; kind < hw_sim::kFaultKindCount; ++kind) {
+      MatrixFault fault{std::string(to_string(static_cast<FaultKind>(kind))),
+                        hw_sim::default_fault(static_cast<FaultKind>(kind))};
+      const bool lasts = hw_sim::site_of(fault.fault.kind) == FaultSite::kTrain &&
+                         fault.fault.duration.count() > 0;
+      MatrixFault for_good = fault;
+      if (lasts) fault.name += ", " + seconds(fault.fault.duration);
+      made.push_back(std::move(fault));
+      if (!lasts || for_good.fault.kind == FaultKind::kUsbSilent) continue;
+      for_good.name += ", for good";
+      for_good.fault.duration = milliseconds(0);
+      made.push_back(std::move(for_good));
+    }
+    return made;
+  }();
+  return faults;
+}
+
 std::vector<MatrixCell> run_fault_matrix() {
   std::vector<MatrixCell> cells;
   for (const auto bracketing : {rig::Bracketing::kSequencer, rig::Bracketing::kTriggerWidth})
-    for (int kind = 0; kind < hw_sim::kFaultKindCount; ++kind)
+    for (std::size_t fault = 0; fault < matrix_faults().size(); ++fault)
       for (std::size_t place = 0; place < matrix_places().size(); ++place)
-        cells.push_back(run_cell(static_cast<FaultKind>(kind), place, bracketing));
+        cells.push_back(run_cell(fault, place, bracketing));
   return cells;
 }
 
@@ -165,8 +188,8 @@ std::string fault_matrix_table(const std::vector<MatrixCell>& cells) {
     text += "\n|---|---|---|";
     for (std::size_t i = 0; i < matrix_places().size(); ++i) text += "---|";
     text += "\n";
-    for (int kind = 0; kind < hw_sim::kFaultKindCount; ++kind)
-      text += row(cells, static_cast<FaultKind>(kind), bracketing, faultless);
+    for (std::size_t fault = 0; fault < matrix_faults().size(); ++fault)
+      text += row(cells, fault, bracketing, faultless);
     text += "\n";
   }
   int wrong_count = 0, false_count = 0, hung_count = 0;

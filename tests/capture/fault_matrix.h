@@ -31,8 +31,15 @@ struct MatrixPlace {
 };
 const std::vector<MatrixPlace>& matrix_places();
 
+// A fault as the matrix tries it.
+struct MatrixFault {
+  std::string name;
+  hw_sim::PlannedFault fault;  // its place is the cell's
+};
+const std::vector<MatrixFault>& matrix_faults();
+
 struct MatrixCell {
-  hw_sim::FaultKind kind = hw_sim::FaultKind::kFrameLost;
+  std::size_t fault = 0;  // of matrix_faults()
   std::size_t place = 0;  // of matrix_places()
   rig::Bracketing bracketing = rig::Bracketing::kSequencer;
   std::vector<Trial> trials;  // a bracket each, with and without chunks; empty: cannot happen there

@@ -92,7 +92,7 @@ struct LedgerCapture {
 
   RunResult run(const std::stop_token& stop = {}, const OnTransition& also = {}) {
     const double refresh_hz = rig.projector().report().measured_refresh_hz;
-    return run_capture({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, plan,
+    return run_capture({rig.projector(), rig.trigger(), rig.camera(), rig.timeline(), &rig}, plan,
                        rig_file.projector, make_rules(rig_file, refresh_hz), keeper, stop,
                        [&](const Transition& transition) {
                          for (const Reacted& reacted : transition.reacted)

@@ -88,7 +88,7 @@ TEST(LedgerWorldCapture, PersistentFaultFailsWithSlotAndCauseNamed) {
   EXPECT_EQ(capture.wrong_frame_count(), 0);
 }
 
-TEST(LedgerWorldCapture, LostDeviceFailsCleanlyWhereverItHappens) {
+TEST(LedgerWorldCapture, DeviceThatStaysLostFailsCleanlyWhereverItHappens) {
   const std::pair<FaultKind, rig::Device> losses[] = {
       {FaultKind::kProjectorGone, rig::Device::kProjector},
       {FaultKind::kUsbUnplugged, rig::Device::kTrigger},
@@ -97,15 +97,68 @@ TEST(LedgerWorldCapture, LostDeviceFailsCleanlyWhereverItHappens) {
   for (const int showing : {hw_sim::kIdle, 0, 1, 44, 88}) {
     for (const auto& [kind, device] : losses) {
       SCOPED_TRACE(std::string(to_string(kind)) + " at " + std::to_string(showing));
-      LedgerCapture capture({.faults = {fault_at(kind, showing)}});
+      hw_sim::PlannedFault for_good = fault_at(kind, showing);
+      for_good.duration = milliseconds(0);
+      LedgerCapture capture({.faults = {for_good}});
+      const rig::HostTime start = capture.rig.timeline().now();
       const RunResult result = capture.run();
       ASSERT_EQ(result.outcome, Outcome::kFailed);
       EXPECT_EQ(result.failure->incident, Incident::kDeviceLost);
       EXPECT_EQ(result.failure->device, device);
-      EXPECT_THAT(result.failure->text, testing::HasSubstr("is gone"));
       EXPECT_EQ(capture.wrong_frame_count(), 0);
+      // The capture itself takes 8 s.
+      EXPECT_LT(capture.rig.timeline().now() - start,
+                std::chrono::seconds(10) + capture.rig_file.sequence.reopen_deadline);
     }
   }
+}
+
+TEST(LedgerWorldCapture, NobodyToReopenALostDeviceFailsAtOnce) {
+  rig::RigFile rig_file = ledger_rig_file();
+  rig_file.sequence.reopen_deadline = milliseconds(0);
+  LedgerCapture capture({.faults = {fault_at(FaultKind::kCameraRebooted, 20)}}, rig_file);
+  const RunResult result = capture.run();
+  ASSERT_EQ(result.outcome, Outcome::kFailed);
+  EXPECT_EQ(result.failure->text,
+            "camera: the camera is gone; see its power and its cable and start again");
+  EXPECT_EQ(result.reopen_count, 0);
+}
+
+TEST(LedgerWorldCapture, TwoDevicesLostAtOnceAreBothWaitedFor) {
+  hw_sim::PlannedFault box = fault_at(FaultKind::kUsbUnplugged, 20);
+  box.duration = milliseconds(4000);
+  LedgerCapture capture({.faults = {box, fault_at(FaultKind::kCameraRebooted, 20)}});
+  const RunResult result = capture.run();
+  EXPECT_EQ(result.outcome, Outcome::kComplete) << (result.failure ? result.failure->text : "");
+  EXPECT_EQ(result.reopen_count, 1);
+  EXPECT_EQ(capture.keeper.frames.size(), 176U);
+  EXPECT_EQ(capture.wrong_frame_count(), 0);
+}
+
+TEST(LedgerWorldCapture, DeviceLostAgainAndAgainFails) {
+  hw_sim::FaultPlan plan;
+  for (const int showing : {10, 20, 30, 40})
+    plan.faults.push_back(fault_at(FaultKind::kCameraRebooted, showing));
+  LedgerCapture capture(plan);
+  const RunResult result = capture.run();
+  ASSERT_EQ(result.outcome, Outcome::kFailed);
+  EXPECT_EQ(result.reopen_count, 3);
+  EXPECT_EQ(result.failure->device, rig::Device::kCamera);
+  EXPECT_EQ(capture.wrong_frame_count(), 0);
+}
+
+TEST(LedgerWorldCapture, AbortIsHeardWhileALostDeviceIsWaitedFor) {
+  hw_sim::PlannedFault off = fault_at(FaultKind::kCameraRebooted, 20);
+  off.duration = milliseconds(0);
+  LedgerCapture capture({.faults = {off}});
+  std::stop_source stop;
+  int refusal_count = 0;
+  const RunResult result = capture.run(stop.get_token(), [&](const Transition& transition) {
+    if (std::holds_alternative<ReopenRefused>(transition.event) && ++refusal_count == 3)
+      stop.request_stop();
+  });
+  EXPECT_EQ(result.outcome, Outcome::kAborted);
+  EXPECT_LE(refusal_count, 4);
 }
 
 TEST(LedgerWorldCapture, AbortTurnsBlackWithinARefreshOfBeingHeard) {
