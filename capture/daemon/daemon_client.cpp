@@ -27,54 +27,6 @@ std::string text(const nlohmann::json& json, const char* key) {
   return found != json.end() && found->is_string() ? found->get<std::string>() : std::string();
 }
 
-int number(const nlohmann::json& json, const char* key) {
-  const auto found = json.find(key);
-  return found != json.end() && found->is_number_integer() ? found->get<int>() : 0;
-}
-
-std::vector<std::string> texts(const nlohmann::json& json, const char* key) {
-  std::vector<std::string> values;
-  const auto found = json.find(key);
-  if (found == json.end() || !found->is_array()) return values;
-  for (const nlohmann::json& value : *found)
-    if (value.is_string()) values.push_back(value.get<std::string>());
-  return values;
-}
-
-DaemonPhase phase_from(const std::string& word) {
-  for (const DaemonPhase phase :
-       {DaemonPhase::kStarting, DaemonPhase::kReady, DaemonPhase::kCapturing,
-        DaemonPhase::kEstimating, DaemonPhase::kAborting})
-    if (to_string(phase) == word) return phase;
-  return DaemonPhase::kFault;
-}
-
-std::optional<DaemonSnapshot> parse_snapshot(const std::string& body) {
-  const nlohmann::json json = nlohmann::json::parse(body, nullptr, false);
-  if (!json.is_object() || !json.contains("phase")) return std::nullopt;
-  DaemonSnapshot snapshot{.revision = static_cast<std::uint64_t>(number(json, "revision")),
-                          .phase = phase_from(text(json, "phase")),
-                          .rig_file = text(json, "rig_file"),
-                          .rig_name = text(json, "rig_name"),
-                          .message = text(json, "message"),
-                          .request_id = text(json, "request_id"),
-                          .slots_filled = number(json, "slots_filled"),
-                          .slots_total = number(json, "slots_total"),
-                          .retake_count = number(json, "retake_count"),
-                          .notes = texts(json, "notes"),
-                          .last = std::nullopt};
-  if (const auto last = json.find("last"); last != json.end() && last->is_object()) {
-    snapshot.last = CaptureOutcome{.request_id = text(*last, "request_id"),
-                                   .session = text(*last, "session"),
-                                   .state = text(*last, "state"),
-                                   .exit_code = number(*last, "exit_code"),
-                                   .message = text(*last, "message"),
-                                   .pictures = texts(*last, "pictures"),
-                                   .notes = texts(*last, "notes")};
-  }
-  return snapshot;
-}
-
 // Waits between polls, but not after a stop.
 void pause(const std::stop_token& stop) {
   std::mutex mutex;

@@ -12,15 +12,15 @@
 #include <string>
 #include <thread>
 
+#include "capture/daemon/http_request.h"
 #include "capture/daemon/page.h"
 
 namespace capture {
 namespace {
 
 constexpr std::size_t kBodyLimit_bytes = std::size_t{16} * 1024;
-constexpr std::size_t kTextLimit = 200;  // of a subject or a request id
-constexpr int kThreadCount = 16;         // each open page holds one for its event stream
-constexpr int kStreamLimit = 12;         // the rest stay free for commands
+constexpr int kThreadCount = 16;  // each open page holds one for its event stream
+constexpr int kStreamLimit = 12;  // the rest stay free for commands
 constexpr auto kHeartbeat = std::chrono::seconds(1);
 
 void reply_error(httplib::Response& response, int status, const std::string& text) {
@@ -28,27 +28,6 @@ void reply_error(httplib::Response& response, int status, const std::string& tex
   response.set_content(nlohmann::json{{"error", text}}.dump(
                            -1, ' ', false, nlohmann::json::error_handler_t::replace),
                        "application/json");
-}
-
-// Protects against pages of other sites and DNS rebinding: the browser says whom it thinks it talks
-// to.
-bool is_own_host(const std::string& host, int port) {
-  for (const char* name : {"127.0.0.1", "localhost", "[::1]"})
-    if (host == std::string(name) + ":" + std::to_string(port)) return true;
-  return false;
-}
-
-bool is_own_origin(const httplib::Request& request, int port) {
-  if (!is_own_host(request.get_header_value("Host"), port)) return false;
-  if (!request.has_header("Origin")) return true;
-  const std::string origin = request.get_header_value("Origin");
-  constexpr std::string_view kScheme = "http://";
-  return origin.starts_with(kScheme) && is_own_host(origin.substr(kScheme.size()), port);
-}
-
-std::string text_member(const nlohmann::json& body, const char* key) {
-  const auto found = body.find(key);
-  return found != body.end() && found->is_string() ? found->get<std::string>() : std::string();
 }
 
 class HttplibServer final : public HttpServer {
@@ -92,7 +71,10 @@ class HttplibServer final : public HttpServer {
   void add_routes() {
     server_.set_pre_routing_handler(
         [this](const httplib::Request& request, httplib::Response& response) {
-          if (is_own_origin(request, port_)) return httplib::Server::HandlerResponse::Unhandled;
+          const std::string origin = request.get_header_value("Origin");
+          if (is_own_origin(request.get_header_value("Host"),
+                            request.has_header("Origin") ? &origin : nullptr, port_))
+            return httplib::Server::HandlerResponse::Unhandled;
           reply_error(response, 403,
                       "this address answers only pages of its own; open http://127.0.0.1:" +
                           std::to_string(port_));
@@ -126,13 +108,13 @@ class HttplibServer final : public HttpServer {
                 });
     server_.Post("/api/capture",
                  [this](const httplib::Request& request, httplib::Response& response) {
-                   if (const auto body = read_body(request, response))
-                     start_capture(*body, response);
+                   if (const auto command = read_command(request, response))
+                     start_capture(*command, response);
                  });
     server_.Post("/api/abort",
                  [this](const httplib::Request& request, httplib::Response& response) {
-                   if (const auto body = read_body(request, response)) {
-                     const Answer answer = desk_.request_abort(text_member(*body, "request_id"));
+                   if (const auto command = read_command(request, response)) {
+                     const Answer answer = desk_.request_abort(command->request_id);
                      if (answer == Answer::kNothing)
                        return reply_error(response, 409, "there is no capture to abort");
                      response.status = 202;
@@ -141,39 +123,16 @@ class HttplibServer final : public HttpServer {
                  });
   }
 
-  // The request's JSON object with a request_id; else answers the error itself.
-  static std::optional<nlohmann::json> read_body(const httplib::Request& request,
-                                                 httplib::Response& response) {
-    if (!request.get_header_value("Content-Type").starts_with("application/json")) {
-      reply_error(response, 415, "send Content-Type: application/json");
-      return std::nullopt;
-    }
-    const nlohmann::json body = nlohmann::json::parse(request.body, nullptr, false);
-    if (!body.is_object() || text_member(body, "request_id").empty()) {
-      reply_error(response, 400, "expected a JSON object with a text \"request_id\"");
-      return std::nullopt;
-    }
-    for (const auto& [key, value] : body.items()) {
-      if (key != "request_id" && key != "subject" && key != "directory") {
-        reply_error(response, 400,
-                    "unknown key \"" + key + "\"; known are request_id, subject and directory");
-        return std::nullopt;
-      }
-      if (!value.is_string() ||
-          (key != "directory" && value.get_ref<const std::string&>().size() > kTextLimit)) {
-        reply_error(response, 400, "\"" + key + "\" must be text of at most 200 bytes");
-        return std::nullopt;
-      }
-    }
-    return body;
+  // The request's command; else answers the error itself.
+  static std::optional<CaptureRequest> read_command(const httplib::Request& request,
+                                                    httplib::Response& response) {
+    auto command = parse_command(request.get_header_value("Content-Type"), request.body);
+    if (command) return *std::move(command);
+    reply_error(response, command.error().status, command.error().text);
+    return std::nullopt;
   }
 
-  void start_capture(const nlohmann::json& body, httplib::Response& response) {
-    const CaptureRequest request{.request_id = text_member(body, "request_id"),
-                                 .subject = text_member(body, "subject"),
-                                 .directory = text_member(body, "directory")};
-    if (!request.directory.empty() && !std::filesystem::path(request.directory).is_absolute())
-      return reply_error(response, 400, "\"directory\" must be an absolute path");
+  void start_capture(const CaptureRequest& request, httplib::Response& response) {
     switch (desk_.request_capture(request)) {
       case Answer::kAccepted:
         response.status = 202;

@@ -10,6 +10,7 @@
 #include <optional>
 #include <stop_token>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace capture {
@@ -51,6 +52,10 @@ struct DaemonSnapshot {
 
 // The snapshot as the JSON object that GET /api/state returns.
 std::string to_json(const DaemonSnapshot& snapshot);
+
+// The snapshot of such an object; what is missing or of another type keeps its default. nullopt
+// where the text is none: whatever else answers on the daemon's port.
+std::optional<DaemonSnapshot> parse_snapshot(std::string_view body);
 
 // Thread-safe.
 class StateBoard {

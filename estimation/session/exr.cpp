@@ -135,8 +135,13 @@ std::map<std::string, std::string> text_attributes(const Imf::Header& header) {
   return attributes;
 }
 
+// No compression that OpenEXR has for data like ours packs tighter (deflate: 1032 to 1); what is
+// small may be anything. So the samples a header asks for are bounded by the file's own size.
+constexpr std::uint64_t kTightestPacking = 1100;
+constexpr std::uint64_t kAlwaysAllowedBytes = std::uint64_t{64} << 20U;
+
 // What makes the file unfit before a pixel is allocated; "" if nothing.
-std::string objection_to_header(const Imf::Header& header) {
+std::string objection_to_header(const Imf::Header& header, std::uint64_t file_byte_count) {
   const Imath::Box2i& window = header.dataWindow();
   const std::int64_t width = std::int64_t{window.max.x} - window.min.x + 1;
   const std::int64_t height = std::int64_t{window.max.y} - window.min.y + 1;
@@ -147,13 +152,15 @@ std::string objection_to_header(const Imf::Header& header) {
       return std::string("its channel ") + it.name() + " is subsampled";
     }
   }
-  const std::int64_t sample_count = width * height * std::max<std::int64_t>(channel_count, 1);
-  const auto limit = static_cast<std::int64_t>(kLargestExrBytes / sizeof(float));
+  const auto limit = static_cast<std::int64_t>(
+      std::min(kLargestExrBytes, kAlwaysAllowedBytes + kTightestPacking * file_byte_count) /
+      sizeof(float));
   if (width < 1 || height < 1 || width > kLargestSidePx || height > kLargestSidePx ||
       width * height > kLargestAreaPx || channel_count > static_cast<std::int64_t>(kMostChannels) ||
-      sample_count > limit) {
+      width * height * channel_count > limit) {
     return "its header asks for " + std::to_string(width) + " x " + std::to_string(height) +
-           " px with " + std::to_string(channel_count) + " channels";
+           " px with " + std::to_string(channel_count) + " channels, which " +
+           std::to_string(file_byte_count) + " bytes cannot hold";
   }
   return {};
 }
@@ -163,7 +170,7 @@ Result<ExrFile> decode(const std::vector<std::byte>& bytes, const std::string& n
   MemoryIn in(bytes, name.c_str());
   Imf::InputFile file(in);
   const Imf::Header& header = file.header();
-  if (const std::string objection = objection_to_header(header); !objection.empty()) {
+  if (const std::string objection = objection_to_header(header, bytes.size()); !objection.empty()) {
     return tl::unexpected(broken_exr(name, objection));
   }
   const Imath::Box2i window = header.dataWindow();
@@ -201,15 +208,19 @@ Result<void> write_exr(const std::filesystem::path& path, const std::vector<ExrC
   }
 }
 
+Result<ExrFile> decode_exr(const std::vector<std::byte>& bytes, const std::string& file) {
+  try {
+    ExrRuntime::start();
+    return decode(bytes, file);
+  } catch (const std::exception& error) {  // Iex::BaseExc, std::bad_alloc
+    return tl::unexpected(broken_exr(file, std::string("is damaged: ") + error.what()));
+  }
+}
+
 Result<ExrFile> read_exr_file(const std::filesystem::path& path) {
   const Result<std::vector<std::byte>> bytes = read_file(path, kLargestExrBytes);
   if (!bytes) return tl::unexpected(bytes.error());
-  try {
-    ExrRuntime::start();
-    return decode(*bytes, path.string());
-  } catch (const std::exception& error) {  // Iex::BaseExc, std::bad_alloc
-    return tl::unexpected(broken_exr(path.string(), std::string("is damaged: ") + error.what()));
-  }
+  return decode_exr(*bytes, path.string());
 }
 
 Result<std::map<std::string, Image<float>>> read_exr(const std::filesystem::path& path) {

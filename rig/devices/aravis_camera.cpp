@@ -22,6 +22,7 @@
 
 #include "rig/devices/aravis_features.h"
 #include "rig/devices/block_id.h"
+#include "rig/devices/camera_answers.h"
 #include "rig/devices/frame_memory.h"
 
 namespace rig {
@@ -197,7 +198,7 @@ class Acquisition {
   Acquisition& operator=(const Acquisition&) = delete;
 
   // `trigger_base`: the camera's trigger counter now; it counts from there.
-  void start(std::uint64_t trigger_base) {
+  void start(std::int64_t trigger_base) {
     trigger_base_ = trigger_base;
     reader_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
   }
@@ -319,19 +320,16 @@ class Acquisition {
   Result<void> read_chunks(ArvBuffer* buffer, Frame& frame) const {
     ArvChunkParser* parser = parts_.parser.get();
     GError* error = nullptr;
-    if (const std::string& name = parts_.chunks.exposure; !name.empty()) {
-      const double exposure_us =
-          arv_chunk_parser_get_float_value(parser, buffer, name.c_str(), &error);
-      frame.exposure = std::chrono::microseconds(std::llround(exposure_us));
-    }
-    if (const std::string& name = parts_.chunks.trigger_count; !name.empty() && error == nullptr)
-      frame.trigger_count = static_cast<std::uint64_t>(arv_chunk_parser_get_integer_value(
-                                parser, buffer, name.c_str(), &error)) -
-                            trigger_base_;
-    if (const std::string& name = parts_.chunks.sequencer_set; !name.empty() && error == nullptr)
-      frame.sequencer_set = static_cast<int>(
-          arv_chunk_parser_get_integer_value(parser, buffer, name.c_str(), &error));
-    if (error == nullptr) return {};
+    ChunkAnswers answers;
+    const auto integer = [&](const std::string& name) -> std::optional<std::int64_t> {
+      if (name.empty() || error != nullptr) return std::nullopt;
+      return arv_chunk_parser_get_integer_value(parser, buffer, name.c_str(), &error);
+    };
+    if (const std::string& name = parts_.chunks.exposure; !name.empty())
+      answers.exposure_us = arv_chunk_parser_get_float_value(parser, buffer, name.c_str(), &error);
+    answers.trigger_count = integer(parts_.chunks.trigger_count);
+    answers.sequencer_set = integer(parts_.chunks.sequencer_set);
+    if (error == nullptr) return take_chunks(answers, trigger_base_, frame);
     const std::string cause = error->message;
     g_clear_error(&error);
     return failure(Fault::kFrameMalformed,
@@ -342,7 +340,7 @@ class Acquisition {
   EventSink& sink_;
   std::shared_ptr<BufferReturn> home_;  // shared: leases outlive the acquisition
   BlockIdCounter block_ids_;            // used by the reader only
-  std::uint64_t trigger_base_ = 0;
+  std::int64_t trigger_base_ = 0;
   std::atomic<std::int64_t> delivered_count_{0};
   std::atomic<std::int64_t> damaged_count_{0};
   std::jthread reader_;
@@ -733,7 +731,7 @@ Result<void> AravisCamera::Impl::program_sequencer(
   const auto sets = features_.integer_bounds("SequencerSetSelector");
   if (!sets) return tl::unexpected(sets.error());
   const auto set_count = static_cast<int>(exposures.size());
-  if (set_count > sets->second + 1)
+  if (set_count - 1 > sets->second)
     return failure(Fault::kOutOfRange, "the camera's sequencer has " +
                                            std::to_string(sets->second + 1) + " sets, " +
                                            std::to_string(set_count) +
@@ -818,6 +816,7 @@ Result<void> AravisCamera::Impl::start_acquisition(int frame_count) {
   GError* error = nullptr;
   format_.payload_bytes = arv_camera_get_payload(camera_.get(), &error);
   if (auto read = take_error(&error, "reading PayloadSize"); !read) return read;
+  if (auto fits = check_payload(format_.payload_bytes, format_.image_bytes()); !fits) return fits;
   Result<std::shared_ptr<FrameMemory>> memory = take_memory(frame_count, format_.payload_bytes);
   if (!memory) return tl::unexpected(memory.error());
   memory_ = *memory;
@@ -842,7 +841,7 @@ Result<void> AravisCamera::Impl::start_acquisition(int frame_count) {
   trigger_base_ = *base;
   missed_base_ = features_.integer("TriggerMissedCount").value_or(0);
   acquisition_ = std::move(acquisition);
-  acquisition_->start(static_cast<std::uint64_t>(trigger_base_));
+  acquisition_->start(trigger_base_);
   return {};
 }
 
@@ -875,12 +874,12 @@ Result<CameraCounters> AravisCamera::Impl::counters() {
   if (has_trigger_counter_) {
     const Result<std::int64_t> count = noting_loss(trigger_count());
     if (!count) return tl::unexpected(count.error());
-    counters.trigger_count = *count - trigger_base_;
+    counters.trigger_count = counted_since(trigger_base_, *count);
   }
   if (features_.has("TriggerMissedCount")) {
     const Result<std::int64_t> count = noting_loss(features_.integer("TriggerMissedCount"));
     if (!count) return tl::unexpected(count.error());
-    counters.missed_trigger_count = *count - missed_base_;
+    counters.missed_trigger_count = counted_since(missed_base_, *count);
   }
   return counters;
 }
