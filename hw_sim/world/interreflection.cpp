@@ -19,8 +19,8 @@ constexpr double kPatchMm = 6;
 // Rays per form factor row: 1024 in a low-discrepancy order put the received light within about 1%.
 constexpr int kRayCount = 1024;
 // Of the backdrop: far away and evenly lit by the projector's missing rays.
-constexpr double kBackdropCellMm = 75;
-constexpr int kBackdropCells = 40;  // along a side: 3 m
+constexpr double kBackdropCellMm = 150;
+constexpr int kBackdropCells = 20;  // along a side: 3 m
 constexpr int kLightBlocks = 16;    // partial sums: fixed, so that threads do not change them
 
 struct Cell {

@@ -32,7 +32,11 @@ cv::Vec2d Pinhole::undistorted(double col_px, double row_px) const {
   // Fixed point: each step removes the distortion found at the last estimate. Lenses of a rig
   // contract by far more than 10 a step, so 12 steps reach the last bit.
   cv::Vec2d point = target;
-  for (int i = 0; i < 12; ++i) point += target - distort(lens_.distortion, point);
+  for (int i = 0; i < 12; ++i) {
+    const cv::Vec2d step = target - distort(lens_.distortion, point);
+    if (step == cv::Vec2d(0, 0)) break;  // as a lens without distortion at once
+    point += step;
+  }
   return point;
 }
 

@@ -419,6 +419,10 @@ void Transport::add_rest(estimation::ImageView<const unsigned char> brightness,
                          std::vector<float>& reflected) const {
   Rect rect = split.rest;
   const estimation::Image<float> rest = rest_of(brightness, split, optics, rect);
+  // A sync square in a corner mostly misses the subject.
+  if (std::none_of(entries_.begin(), entries_.end(),
+                   [&](const Entry& entry) { return entry.reach.meets(rect); }))
+    return;
   const bool any_fine = std::any_of(entries_.begin(), entries_.end(), [&](const Entry& entry) {
     return entry.is_fine != 0 && entry.reach.meets(rect);
   });

@@ -3,12 +3,14 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <complex>
+#include <fstream>
 #include <numbers>
 #include <vector>
 
-#include "tests/hw_sim/world/test_rig.h"
+#include "tests/hw_sim/world/rig_shots.h"
 
 namespace hw_sim {
 namespace {
@@ -26,13 +28,9 @@ const TestRig& rig() {
   return made;
 }
 
+// Worlds that differ by their effects alone share their transport.
 std::unique_ptr<HeadWorld> world_with(const Effects& effects) {
-  SceneOptions options;
-  options.name = "flat_phantom";
-  options.has_indirect = false;
-  options.thread_count = 2;
-  options.effects = effects;
-  return make_world(rig(), options);
+  return make_world(rig(), quick_scene("flat_phantom", effects));
 }
 
 double signal(const HeadWorld& world, const estimation::PatternKind& kind, int row = kRow,
@@ -128,10 +126,7 @@ TEST(Effects, BlackAndVignettingScaleTheLight) {
 TEST(Effects, TheRoomsLightFlickersAtTwiceTheMainsFrequency) {
   TestRig quiet = rig();
   remove_noise(quiet);
-  SceneOptions options;
-  options.name = "flat_phantom";
-  options.has_indirect = false;
-  options.thread_count = 2;
+  SceneOptions options = quick_scene("flat_phantom");
   options.effects.ambient_frac = 0.2;
   options.effects.flicker_frac = 0.5;
   const auto world = make_world(quiet, options);
@@ -156,13 +151,39 @@ TEST(Effects, TheRoomsLightFlickersAtTwiceTheMainsFrequency) {
   EXPECT_NEAR(mean_dn(0.0070, 1000) / (whole / 20), 1 - 0.5 * peak, 0.08);
 }
 
-TEST(EffectsFile, EveryKeyIsReadAndAWrongOneIsNamed) {
+TEST(EffectsFile, TheExampleHasEveryKeyAndEachTakesEffect) {
   const auto read = read_effects(SSRIG_CONFIG "/effects.example.toml");
   ASSERT_TRUE(read) << read.error().detail;
   EXPECT_EQ(read->blur_px, 0.7);
-  EXPECT_EQ(read->black_frac, 0.002);
-  EXPECT_EQ(read->ambient_frac, 0.003);
+  EXPECT_EQ(read->input_lag_refreshes, 1);
+  EXPECT_EQ(read->camera_blur_px, 0.4);
   EXPECT_EQ(read->drift_mm_per_s, Vec3(0, 0, 0.2));
+  // Without a line the value is the default's, or the line says nothing.
+  std::ifstream file(SSRIG_CONFIG "/effects.example.toml");
+  std::vector<std::string> lines;
+  for (std::string line; std::getline(file, line);) lines.push_back(line);
+  int keys = 0;
+  for (std::size_t without = 0; without < lines.size(); ++without) {
+    if (lines[without].find(" = ") == std::string::npos || lines[without].starts_with("#"))
+      continue;
+    ++keys;
+    std::string text;
+    for (std::size_t i = 0; i < lines.size(); ++i)
+      if (i != without) text.append(lines[i]).append("\n");
+    const auto rest = parse_effects(text, "e.toml");
+    ASSERT_TRUE(rest) << rest.error().detail;
+    const bool is_default =
+        lines[without].find("focus_mm = 1000") == 0 || lines[without].starts_with("is_cross") ||
+        lines[without].starts_with("mains") || lines[without].starts_with("ripple_hz") ||
+        lines[without].starts_with("breathing_hz") || lines[without].starts_with("skin_rough");
+    EXPECT_EQ(*rest == *read, is_default) << lines[without];
+  }
+  const auto unknown = parse_effects("[room]\nx = 1", "e.toml");
+  ASSERT_FALSE(unknown);
+  EXPECT_EQ(keys, std::ranges::count(unknown.error().detail, ',') + 1);  // of the known ones
+}
+
+TEST(EffectsFile, AWrongKeyIsNamed) {
   const auto error_of = [](std::string_view text) {
     const auto effects = parse_effects(text, "e.toml");
     EXPECT_FALSE(effects) << text;
@@ -174,6 +195,9 @@ TEST(EffectsFile, EveryKeyIsReadAndAWrongOneIsNamed) {
   EXPECT_THAT(error_of("[projector]\nblur_px = nan"), HasSubstr("blur_px"));
   EXPECT_THAT(error_of("[projector]\nblur_px = \"1\""), HasSubstr("blur_px"));
   EXPECT_THAT(error_of("[subject]\ndrift_mm_per_s = [1, 2]"), HasSubstr("[x, y, z]"));
+  EXPECT_THAT(error_of("[subject]\nbreathing_mm = [1, 2, 1e9]"), HasSubstr("from -100 to 100"));
+  EXPECT_THAT(error_of("[projector]\ninput_lag_refreshes = 1.5"), HasSubstr("whole number"));
+  EXPECT_THAT(error_of("[camera]\nis_cross_polarised = 1"), HasSubstr("true or false"));
   EXPECT_THAT(error_of("blur_px = 1"), HasSubstr("outside of"));
   EXPECT_THAT(error_of("[projector"), HasSubstr("line 1"));
   EXPECT_FALSE(read_effects("/nonexistent.toml"));
