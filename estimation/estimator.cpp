@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "estimation/auxiliary.h"
+#include "estimation/geometry/bend_shift.h"
 #include "estimation/geometry/correspondence.h"
 #include "estimation/geometry/surface.h"
 #include "estimation/material_maps.h"
@@ -149,7 +150,11 @@ class Estimator::Implementation {
 
   // The outline: signals, correspondence, surface, then each band's parameters.
   Result<Maps> estimate();
+  // The patterns as the geometry sees them; sums of an RGB frame's bands are kept in `sums`.
+  std::vector<PatternSignal> geometry_signals(std::vector<Image<float>>& sums) const;
   Correspondence correspond(std::span<const MergedNoise> noise);
+  // The surface, its bends' shift of the stripes taken off the correspondence.
+  Surface reconstruct(const SurfaceOptions& options, PhaseSource source);
   void move_correspondence(const MaterialResult& material);
   struct Noise {
     std::vector<MergedNoise> merged;
@@ -167,6 +172,7 @@ class Estimator::Implementation {
   SignalStore store_;
   SignalStore::Signals signals_;
   Correspondence correspondence_;
+  Image<float> decoded_column_sd_px_, decoded_row_sd_px_;
   std::vector<std::string> notes_;
   std::vector<ProfilePoint> profiles_;
 };
@@ -185,6 +191,8 @@ Result<Maps> Estimator::Implementation::estimate() {
   const Noise noise = noise_of(stripes);
 
   correspondence_ = correspond(noise.merged);
+  decoded_column_sd_px_ = correspondence_.column_sd_px;
+  decoded_row_sd_px_ = correspondence_.row_sd_px;
   SurfaceOptions surface_options;
   surface_options.min_cos_projector = surface_options.min_cos_camera =
       std::cos(kGrazingDegrees * std::numbers::pi / 180);
@@ -201,8 +209,7 @@ Result<Maps> Estimator::Implementation::estimate() {
       maps.validity[static_cast<std::size_t>(band)] = correspondence_.validity;
     return maps;
   }
-  Surface surface = reconstruct_surface(manifest_.calibration, camera(), manifest_.projector,
-                                        correspondence_, surface_options);
+  Surface surface = reconstruct(surface_options, PhaseSource::kFirstHarmonic);
   for (int band = 0; band < bands(); ++band)
     maps.validity[static_cast<std::size_t>(band)] = surface.validity;
 
@@ -224,8 +231,7 @@ Result<Maps> Estimator::Implementation::estimate() {
     if (!material.phase_px.empty()) {
       // Oblique light comes out shifted: the fit knows by how much, and the surface moves with it.
       move_correspondence(material);
-      surface = reconstruct_surface(manifest_.calibration, camera(), manifest_.projector,
-                                    correspondence_, surface_options);
+      surface = reconstruct(surface_options, PhaseSource::kAllHarmonics);
       material = estimate_material(input, maps);
     }
     if (options_.is_refined)
@@ -247,24 +253,40 @@ Result<Maps> Estimator::Implementation::estimate() {
   return maps;
 }
 
+// The fit's own phases hold what the surface's bends do to them, whatever it was given.
 void Estimator::Implementation::move_correspondence(const MaterialResult& material) {
   Image<float>& position_px =
       material.phase_axis == Axis::kColumn ? correspondence_.column_px : correspondence_.row_px;
   for (std::size_t i = 0; i < position_px.samples().size(); ++i)
     position_px.samples()[i] += material.phase_px.samples()[i];
+  correspondence_.column_sd_px = decoded_column_sd_px_;
+  correspondence_.row_sd_px = decoded_row_sd_px_;
+}
+
+Surface Estimator::Implementation::reconstruct(const SurfaceOptions& options, PhaseSource source) {
+  std::vector<Image<float>> sums;
+  return reconstruct_bent_surface(geometry_signals(sums), manifest_.calibration, camera(),
+                                  manifest_.projector, options, {.source = source},
+                                  correspondence_);
+}
+
+std::vector<PatternSignal> Estimator::Implementation::geometry_signals(
+    std::vector<Image<float>>& sums) const {
+  sums.reserve(signals_.patterns.size());
+  std::vector<PatternSignal> signals;
+  for (const PatternRate& pattern : signals_.patterns) {
+    if (std::holds_alternative<ImageFile>(pattern.pattern->kind) || pattern.rate.empty()) continue;
+    if (pattern.rate.channel_count() > 1) sums.push_back(sum_of_channels(pattern.rate));
+    signals.push_back({&pattern.pattern->kind, pattern.rate.channel_count() > 1
+                                                   ? std::as_const(sums.back()).view()
+                                                   : pattern.rate.view()});
+  }
+  return signals;
 }
 
 Correspondence Estimator::Implementation::correspond(std::span<const MergedNoise> noise) {
   std::vector<Image<float>> sums;
-  sums.reserve(signals_.patterns.size());
-  std::vector<PatternSignal> signals;
-  for (const PatternRate& pattern : signals_.patterns) {
-    if (std::holds_alternative<ImageFile>(pattern.pattern->kind)) continue;
-    if (pattern.rate.channel_count() > 1) sums.push_back(sum_of_channels(pattern.rate));
-    signals.push_back({&pattern.pattern->kind, pattern.rate.channel_count() > 1
-                                                   ? sums.back().view()
-                                                   : pattern.rate.view()});
-  }
+  const std::vector<PatternSignal> signals = geometry_signals(sums);
   CorrespondenceOptions options;
   options.noise.assign(noise.begin(), noise.end());
   Correspondence found = decode_correspondence(signals, manifest_.projector, options);

@@ -1,0 +1,312 @@
+#include "estimation/geometry/bend_shift.h"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "estimation/geometry/spread.h"
+#include "estimation/geometry/triangulation.h"
+
+namespace estimation {
+namespace {
+
+// Window samples on either side of a node: its bends are smooth over the window.
+constexpr int kWindowSamples = 4;
+constexpr std::size_t kLeastSamples = 20;
+// More than this is no first-order effect.
+constexpr double kMostShiftPx = 1.5;
+
+Vec3 vector_at(const std::array<Image<float>, 3>& image, int row, int col) {
+  return {double{image[0].at(row, col)}, double{image[1].at(row, col)},
+          double{image[2].at(row, col)}};
+}
+
+// How surface and light change along the stripes' gradient q (unit, on the surface) and across it.
+struct Bend {
+  float is_known = 0;
+  float gradient_px_per_mm = 0;  // of the projector's coordinate along q
+  float light_per_mm = 0;        // relative change of the irradiance along q
+  float along_px_per_mm2 = 0;    // second derivative of the coordinate on the surface along q
+  float across_px_per_mm2 = 0;   // and across
+};
+
+// Derivatives of position and normal by the picture's columns and rows, by weighted least squares.
+struct Slopes {
+  Vec3 position_by_col_mm, position_by_row_mm, normal_by_col, normal_by_row;
+};
+
+std::optional<Slopes> fit_slopes(const Surface& surface, int row, int col, int radius_px) {
+  const int step_px = std::max(1, radius_px / kWindowSamples);
+  const int height = surface.validity.height_px(), width = surface.validity.width_px();
+  const Vec3 here_mm = vector_at(surface.position_mm, row, col);
+  cv::Matx33d normal_matrix;
+  cv::Matx<double, 3, 6> right;
+  std::size_t count = 0;
+  for (int dy = -radius_px; dy <= radius_px; dy += step_px)
+    for (int dx = -radius_px; dx <= radius_px; dx += step_px) {
+      const int r = row + dy, c = col + dx;
+      if (r < 0 || c < 0 || r >= height || c >= width) continue;
+      const Vec3 position_mm = vector_at(surface.position_mm, r, c);
+      if (!std::isfinite(position_mm[2])) continue;
+      const Vec3 normal = vector_at(surface.normal, r, c);
+      const double weight = std::exp(-2.0 * (dx * dx + dy * dy) / (radius_px * radius_px));
+      const Vec3 basis(1, dx, dy);
+      normal_matrix += weight * (basis * basis.t());
+      for (int i = 0; i < 3; ++i)
+        for (int term = 0; term < 3; ++term) {
+          right(term, i) += weight * basis[term] * (position_mm[i] - here_mm[i]);
+          right(term, i + 3) += weight * basis[term] * normal[i];
+        }
+      ++count;
+    }
+  if (count < kLeastSamples) return std::nullopt;
+  bool is_regular = false;
+  const cv::Matx33d inverse = normal_matrix.inv(cv::DECOMP_CHOLESKY, &is_regular);
+  if (!is_regular) return std::nullopt;
+  const cv::Matx<double, 3, 6> fit = inverse * right;
+  return Slopes{{fit(1, 0), fit(1, 1), fit(1, 2)},
+                {fit(2, 0), fit(2, 1), fit(2, 2)},
+                {fit(1, 3), fit(1, 4), fit(1, 5)},
+                {fit(2, 3), fit(2, 4), fit(2, 5)}};
+}
+
+class BendFinder {
+ public:
+  BendFinder(const Stereo& stereo, const Surface& surface, Axis axis, int radius_px)
+      : stereo_(stereo), surface_(surface), axis_(axis), radius_px_(radius_px) {}
+
+  Bend at(int row, int col) const {
+    const Vec3 here_mm = vector_at(surface_.position_mm, row, col);
+    if (!std::isfinite(here_mm[2])) return {};
+    const auto slopes = fit_slopes(surface_, row, col, radius_px_);
+    if (!slopes) return {};
+    const Vec3 normal = vector_at(surface_.normal, row, col);
+    const auto gradient = gradient_at(here_mm);
+    if (!gradient) return {};
+    const Vec3 tangential = *gradient - normal.dot(*gradient) * normal;
+    const double length = cv::norm(tangential);
+    if (!(length > 0)) return {};
+    const Vec3 along = tangential / length, across = normal.cross(along);
+    const auto bend_along = normal_change(*slopes, along);
+    const auto bend_across = normal_change(*slopes, across);
+    if (!bend_along || !bend_across) return {};
+    const Vec3 to_projector = stereo_.projector_centre_mm() - here_mm;
+    const double distance_mm = cv::norm(to_projector);
+    const Vec3 towards = to_projector / distance_mm;
+    // The cosine changes as the normal turns and as the direction does; the square law adds two.
+    const double light_per_mm =
+        bend_along->dot(towards) / normal.dot(towards) + 3 * along.dot(towards) / distance_mm;
+    const double out = normal.dot(*gradient);
+    const auto second = [&](const Vec3& way, const Vec3& turn) {
+      return straight_second(here_mm, way) - out * way.dot(turn);
+    };
+    return {1, static_cast<float>(length), static_cast<float>(light_per_mm),
+            static_cast<float>(second(along, *bend_along)),
+            static_cast<float>(second(across, *bend_across))};
+  }
+
+ private:
+  std::optional<Vec3> gradient_at(const Vec3& point_mm) const {
+    const auto lit = stereo_.project(point_mm);
+    if (!lit) return std::nullopt;
+    return axis_ == Axis::kColumn ? lit->column_gradient_px_per_mm : lit->row_gradient_px_per_mm;
+  }
+
+  // Of the coordinate along a straight line: perspective and lens.
+  double straight_second(const Vec3& point_mm, const Vec3& way) const {
+    constexpr double kStepMm = 1;
+    const auto before = gradient_at(point_mm - kStepMm * way);
+    const auto after = gradient_at(point_mm + kStepMm * way);
+    return before && after ? way.dot(*after - *before) / (2 * kStepMm) : 0;
+  }
+
+  // Of the normal by mm along a tangent: the tangent as so many columns and rows, by least squares.
+  static std::optional<Vec3> normal_change(const Slopes& slopes, const Vec3& way) {
+    const Vec3 &x = slopes.position_by_col_mm, &y = slopes.position_by_row_mm;
+    const double xx = x.dot(x), xy = x.dot(y), yy = y.dot(y);
+    const double determinant = xx * yy - xy * xy;
+    if (!(determinant > 1e-6 * xx * yy)) return std::nullopt;
+    const double wx = way.dot(x), wy = way.dot(y);
+    const double columns = (yy * wx - xy * wy) / determinant;
+    const double rows = (xx * wy - xy * wx) / determinant;
+    return columns * slopes.normal_by_col + rows * slopes.normal_by_row;
+  }
+
+  const Stereo& stereo_;
+  const Surface& surface_;
+  Axis axis_;
+  int radius_px_;
+};
+
+// At nodes `side_px` apart, in the middle of the spread's cells.
+struct BendNodes {
+  int side_px = 1, rows = 0, cols = 0;
+  std::vector<Bend> nodes;
+
+  const Bend& node(int row, int col) const {
+    return nodes[static_cast<std::size_t>(row) * static_cast<std::size_t>(cols) +
+                 static_cast<std::size_t>(col)];
+  }
+
+  // Between the nodes around, those that are known; is_known is 0 if none is.
+  Bend at(int row, int col) const {
+    const double y = (row + 0.5) / side_px - 0.5, x = (col + 0.5) / side_px - 0.5;
+    const int top = static_cast<int>(std::floor(y)), left = static_cast<int>(std::floor(x));
+    Bend sum;
+    for (int i = 0; i < 2; ++i)
+      for (int j = 0; j < 2; ++j) {
+        const int r = top + i, c = left + j;
+        if (r < 0 || c < 0 || r >= rows || c >= cols) continue;
+        const Bend& bend = node(r, c);
+        const double wy = i == 0 ? 1 - (y - top) : y - top, wx = j == 0 ? 1 - (x - left) : x - left;
+        const auto weight = static_cast<float>(wx * wy) * bend.is_known;
+        sum.is_known += weight;
+        sum.gradient_px_per_mm += weight * bend.gradient_px_per_mm;
+        sum.light_per_mm += weight * bend.light_per_mm;
+        sum.along_px_per_mm2 += weight * bend.along_px_per_mm2;
+        sum.across_px_per_mm2 += weight * bend.across_px_per_mm2;
+      }
+    if (!(sum.is_known > 0.01F)) return {};
+    const float scale = 1 / sum.is_known;
+    return {1, sum.gradient_px_per_mm * scale, sum.light_per_mm * scale,
+            sum.along_px_per_mm2 * scale, sum.across_px_per_mm2 * scale};
+  }
+};
+
+BendNodes bends_of(const Stereo& stereo, const Surface& surface, Axis axis, int radius_px,
+                   int side_px) {
+  BendNodes found;
+  found.side_px = side_px;
+  found.rows = (surface.validity.height_px() + side_px - 1) / side_px;
+  found.cols = (surface.validity.width_px() + side_px - 1) / side_px;
+  found.nodes.resize(static_cast<std::size_t>(found.rows) * static_cast<std::size_t>(found.cols));
+  const BendFinder finder(stereo, surface, axis, radius_px);
+  tbb::parallel_for(0, found.rows, [&](int i) {
+    for (int j = 0; j < found.cols; ++j) {
+      const int row = std::min(i * side_px + side_px / 2, surface.validity.height_px() - 1);
+      const int col = std::min(j * side_px + side_px / 2, surface.validity.width_px() - 1);
+      found.nodes[static_cast<std::size_t>(i) * static_cast<std::size_t>(found.cols) +
+                  static_cast<std::size_t>(j)] = finder.at(row, col);
+    }
+  });
+  return found;
+}
+
+// Projector px by which the coordinate reads too high. With q the stripes' frequency on the surface
+// (2 pi / pitch / period), light's relative change g along it and the coordinate's second
+// derivatives h, the integral of R(d) (1 + g d) exp(i (q d + q h d^2 / 2)) has the phase
+// -g R~'/R~ - (q / 2) (h_along R~''/R~ + h_across R~'/(q R~)).
+double shift_px(const Bend& bend, const SpreadShape& spread, int harmonic, double period_px) {
+  const double rad_per_px = 2 * std::numbers::pi * harmonic / period_px;
+  const double q = rad_per_px * double{bend.gradient_px_per_mm};  // rad / mm
+  const double by_q = harmonic / q;                               // harmonic numbers by q
+  const double first_mm = spread.first(harmonic) * by_q;
+  const double second_mm2 = spread.second(harmonic) * by_q * by_q;
+  const double phase_rad =
+      -double{bend.light_per_mm} * first_mm - rad_per_px / 2 *
+                                                  (double{bend.along_px_per_mm2} * second_mm2 +
+                                                   double{bend.across_px_per_mm2} * first_mm / q);
+  return phase_rad / rad_per_px;
+}
+
+// As `source` sees it: a fit weighs each harmonic's phase by what it tells of the coordinate.
+double shift_px(const Bend& bend, const SpreadShape& spread, const SpreadCells& cells,
+                PhaseSource source) {
+  if (source == PhaseSource::kFirstHarmonic) return shift_px(bend, spread, 1, cells.period_px);
+  constexpr int kHarmonics = 6;
+  double sum = 0, weights = 0;
+  for (int n = 1; n <= kHarmonics; ++n) {
+    const double amplitude = stripe_harmonic(cells.period_px, cells.width_px, n) *
+                             std::exp(spread.log_transfer(n) - spread.log_transfer(1));
+    const double weight = std::pow(n * amplitude, 2);
+    sum += weight * shift_px(bend, spread, n, cells.period_px);
+    weights += weight;
+  }
+  return sum / weights;
+}
+
+double median_pixel_mm(const Surface& surface, double focal_px) {
+  std::vector<float> depths_mm;
+  const auto samples = surface.position_mm[2].samples();
+  for (std::size_t i = 0; i < samples.size(); i += 7)
+    if (!std::isnan(samples[i])) depths_mm.push_back(samples[i]);
+  if (depths_mm.empty()) return std::numeric_limits<double>::quiet_NaN();
+  const auto middle = depths_mm.begin() + static_cast<std::ptrdiff_t>(depths_mm.size() / 2);
+  std::nth_element(depths_mm.begin(), middle, depths_mm.end());
+  return double{*middle} / focal_px;
+}
+
+// What one axis needs in every pass.
+struct AxisSpread {
+  Axis axis = Axis::kColumn;
+  SpreadCells spread;
+  Image<float> measured_px, measured_sd_px;
+};
+
+void take_off(const AxisSpread& from, const BendNodes& bends, const CameraInfo& camera,
+              const BendOptions& options, Image<float>& position_px, Image<float>& sd_px) {
+  tbb::parallel_for(0, camera.height_px, [&](int row) {
+    for (int col = 0; col < camera.width_px; ++col) {
+      position_px.at(row, col) = from.measured_px.at(row, col);
+      sd_px.at(row, col) = from.measured_sd_px.at(row, col);
+      if (std::isnan(position_px.at(row, col))) continue;
+      const auto& shape = from.spread.at(spread_band(camera, row, col), row, col);
+      const Bend bend = bends.at(row, col);
+      if (!shape || !(bend.is_known > 0)) continue;
+      const double off_px = shift_px(bend, *shape, from.spread, options.source);
+      if (!(std::abs(off_px) < kMostShiftPx)) continue;
+      position_px.at(row, col) -= static_cast<float>(off_px);
+      sd_px.at(row, col) =
+          static_cast<float>(std::hypot(double{sd_px.at(row, col)}, options.relative_sd * off_px));
+    }
+  });
+}
+
+}  // namespace
+
+Surface reconstruct_bent_surface(std::span<const PatternSignal> signals,
+                                 const Calibration& calibration, const CameraInfo& camera,
+                                 const ProjectorInfo& projector, const SurfaceOptions& options,
+                                 const BendOptions& bend_options, Correspondence& correspondence) {
+  const auto reconstruct = [&] {
+    return reconstruct_surface(calibration, camera, projector, correspondence, options);
+  };
+  Surface surface = reconstruct();
+  const Stereo stereo(calibration, camera);
+  const double pixel_mm = median_pixel_mm(surface, stereo.camera_focal_px());
+  if (!(pixel_mm > 0)) return surface;
+  constexpr double kMostRadiusPx = 60;
+  const int radius_px = static_cast<int>(
+      std::lround(std::clamp(bend_options.radius_mm / pixel_mm, 2.0, kMostRadiusPx)));
+  const int side_px = std::max(2, radius_px / 4 * 2);  // even: whole quads of a Bayer mosaic
+  std::vector<AxisSpread> axes;
+  for (const Axis axis : {Axis::kColumn, Axis::kRow}) {
+    const bool is_column = axis == Axis::kColumn;
+    const Image<float>& position_px = is_column ? correspondence.column_px : correspondence.row_px;
+    if (position_px.empty()) continue;
+    auto spread = spread_of(signals, axis, camera, side_px);
+    if (!spread) continue;
+    axes.push_back({axis, std::move(*spread), position_px,
+                    is_column ? correspondence.column_sd_px : correspondence.row_sd_px});
+  }
+  if (axes.empty()) return surface;
+  for (int pass = 0; pass < bend_options.pass_count; ++pass) {
+    for (const AxisSpread& from : axes) {
+      const bool is_column = from.axis == Axis::kColumn;
+      take_off(from, bends_of(stereo, surface, from.axis, radius_px, side_px), camera, bend_options,
+               is_column ? correspondence.column_px : correspondence.row_px,
+               is_column ? correspondence.column_sd_px : correspondence.row_sd_px);
+    }
+    surface = reconstruct();
+  }
+  return surface;
+}
+
+}  // namespace estimation
