@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <opencv2/core.hpp>
 
 #include "hw_sim/world/white_walk.h"
 
@@ -33,6 +34,7 @@ SkinAround::SkinAround(const ScatterTable& table, const SeenSample& sample,
                        const ProjectorLight& light)
     : light_(light), point_(vec(sample.point_mm)) {
   const Vec3 normal = vec(sample.normal);
+  normal_ = normal;
   const Vec3 to_lamp = light.projector().center_mm() - point_;
   const double distance_mm = cv::norm(to_lamp);
   const Vec3 towards_lamp = to_lamp / distance_mm;
@@ -89,6 +91,65 @@ SkinAround::Slopes SkinAround::slopes() const {
   return {{center.row_px, center.col_px}, slope(along_), slope(across_)};
 }
 
+// Least squares over the lattice's points within the near part's reach, the plane included: the
+// mesh is not quite where the sample is.
+SkinAround::Bend SkinAround::bend() const {
+  const LightLattice& lattice = light_.coarse();
+  const ProjectedPoint center = light_.projector().project(point_);
+  // Lattice points lie closest where the surface faces the projector.
+  const double facing_mm =
+      cv::norm(light_.projector().center_mm() - point_) / light_.projector().focal_px();
+  const int reach_px = std::min(20, static_cast<int>(std::ceil(far_mm_ / facing_mm)));
+  constexpr int kTerms = 6;
+  constexpr int kLeastPoints = 12;
+  cv::Matx<double, kTerms, kTerms> normal_matrix;
+  cv::Vec<double, kTerms> right;
+  int count = 0;
+  for (int dy = -reach_px; dy <= reach_px; ++dy)
+    for (int dx = -reach_px; dx <= reach_px; ++dx) {
+      const int row = static_cast<int>(std::lround(center.row_px)) + dy;
+      const int col = static_cast<int>(std::lround(center.col_px)) + dx;
+      if (row < 0 || col < 0 || row >= lattice.height || col >= lattice.width) continue;
+      const std::size_t i =
+          static_cast<std::size_t>(row) * static_cast<std::size_t>(lattice.width) +
+          static_cast<std::size_t>(col);
+      if (!(lattice.flux_mm2[i] > 0)) continue;
+      const Vec3 offset =
+          Vec3(static_cast<double>(lattice.x_mm[i]), static_cast<double>(lattice.y_mm[i]),
+               static_cast<double>(lattice.z_mm[i])) -
+          point_;
+      if (offset.dot(offset) > far_mm_ * far_mm_) continue;
+      const double a = offset.dot(along_) / far_mm_, c = offset.dot(across_) / far_mm_;
+      const cv::Vec<double, kTerms> basis(1, a, c, a * a, a * c, c * c);
+      normal_matrix += basis * basis.t();
+      right += offset.dot(normal_) * basis;
+      ++count;
+    }
+  bool is_regular = false;
+  const auto inverse = normal_matrix.inv(cv::DECOMP_CHOLESKY, &is_regular);
+  if (count < kLeastPoints || !is_regular) return {};
+  const cv::Vec<double, kTerms> fit = inverse * right;
+  const double scale = 1 / (far_mm_ * far_mm_);
+  return {2 * fit[3] * scale, fit[4] * scale, 2 * fit[5] * scale};
+}
+
+SkinAround::Place SkinAround::place_at(double along_mm, double across_mm, const Bend& bend) const {
+  const double by_along = bend.along * along_mm + bend.mixed * across_mm;
+  const double by_across = bend.mixed * along_mm + bend.across * across_mm;
+  const double height_mm = (by_along * along_mm + by_across * across_mm) / 2;
+  const Vec3 place = point_ + along_mm * along_ + across_mm * across_ + height_mm * normal_;
+  const ProjectedPoint lit = light_.projector().project(place);
+  const Vec3 from_here = light_.projector().center_mm() - point_;
+  const Vec3 from_there = light_.projector().center_mm() - place;
+  const auto flux = [](const Vec3& way, const Vec3& normal) {
+    const double distance2 = way.dot(way);
+    return normal.dot(way) / (distance2 * std::sqrt(distance2));
+  };
+  const Vec3 upright = normal_ - by_along * along_ - by_across * across_;
+  return {lit.row_px, lit.col_px,
+          std::max(0.0, flux(from_there, upright) / flux(from_here, normal_))};
+}
+
 bool SkinAround::is_lit(double row_px, double col_px) const {
   const LightLattice& lattice = light_.coarse();
   const int row = static_cast<int>(std::lround(row_px)),
@@ -107,6 +168,7 @@ std::vector<SkinAround::Patch> SkinAround::near_patches() const {
   std::vector<Patch> patches;
   if (irradiance_ <= 0) return patches;
   const Slopes slopes = this->slopes();
+  const Bend bend = this->bend();
   // Rings of two knots, each at their middle; what is nearer than a tenth of a pixel is one patch.
   const double core_mm = kCoreSpacings * near_mm_;
   std::array<double, SkinKernel::kTerms> light{};
@@ -122,16 +184,17 @@ std::vector<SkinAround::Patch> SkinAround::near_patches() const {
     const double share = ring.area_mm2 * fade((ring.radius_mm - near_mm_) / (far_mm_ - near_mm_));
     for (std::size_t i = 0; i < SkinKernel::kTerms; ++i) light[i] += share * ring.terms[i];
     if (ring.radius_mm < core_mm || knot % 2 == 0) continue;
-    add_ring(light, first_mm, ring.radius_mm, slopes, patches);
+    add_ring(light, first_mm, ring.radius_mm, slopes, bend, patches);
     light = {};
     is_open = false;
   }
-  if (is_open) add_ring(light, first_mm, far_mm_, slopes, patches);
+  if (is_open) add_ring(light, first_mm, far_mm_, slopes, bend, patches);
   return patches;
 }
 
 void SkinAround::add_ring(const std::array<double, SkinKernel::kTerms>& light, double first_mm,
-                          double last_mm, const Slopes& slopes, std::vector<Patch>& patches) const {
+                          double last_mm, const Slopes& slopes, const Bend& bend,
+                          std::vector<Patch>& patches) const {
   const bool is_core = first_mm == 0;
   const double radius_mm = is_core ? 0 : (first_mm + last_mm) / 2;
   const double width_mm = is_core ? last_mm : 2 * (last_mm - first_mm);
@@ -143,21 +206,19 @@ void SkinAround::add_ring(const std::array<double, SkinKernel::kTerms>& light, d
                                  : light[0] + c * light[1] + s * light[2] +
                                        (c * c - s * s) * light[3] + 2 * c * s * light[4];
     // Light enters at minus the offset to the sample.
-    const auto place = [&](std::size_t axis) {
-      return slopes.center_px[axis] -
-             radius_mm * (c * slopes.along[axis] + s * slopes.across[axis]);
-    };
+    const Place place = place_at(-radius_mm * c, -radius_mm * s, bend);
     const auto extent = [&](std::size_t axis) {
       const double outward = c * slopes.along[axis] + s * slopes.across[axis];
       const double sideways = -s * slopes.along[axis] + c * slopes.across[axis];
       return std::abs(outward) * width_mm +
              std::abs(sideways) * std::max(width_mm, radius_mm * sector_rad);
     };
-    const Patch patch{.row_px = place(0),
-                      .col_px = place(1),
-                      .row_extent_px = extent(0),
-                      .col_extent_px = extent(1),
-                      .weight = value / sectors * static_cast<double>(transmission_) * irradiance_};
+    const Patch patch{
+        .row_px = place.row_px,
+        .col_px = place.col_px,
+        .row_extent_px = extent(0),
+        .col_extent_px = extent(1),
+        .weight = value / sectors * static_cast<double>(transmission_) * irradiance_ * place.light};
     if (is_lit(patch.row_px, patch.col_px)) patches.push_back(patch);
   }
 }

@@ -1,6 +1,7 @@
 // One camera sample's surroundings as light transport sums them when skin scatters as Monte Carlo
 // says: the kernel is singular where light enters, so what is near is integrated in polar
-// coordinates on the tangent plane, and only the smooth rest over the projector's lattice of rays.
+// coordinates over the tangent plane, on the quadric
+// that fits the surface there, and only the smooth rest over the projector's lattice of rays.
 #pragma once
 
 #include <vector>
@@ -34,13 +35,27 @@ class SkinAround {
  private:
   struct Slopes;
   Slopes slopes() const;
+  // Second derivatives of the surface's height over the tangent plane, 1/mm, from the lattice.
+  struct Bend {
+    double along = 0, mixed = 0, across = 0;
+  };
+  Bend bend() const;
+  // Where light meets the surface over a place of the tangent plane, and how much beside the
+  // sample's own irradiance meets a unit of the plane there.
+  struct Place {
+    double row_px = 0, col_px = 0;
+    double light = 0;
+  };
+  Place place_at(double along_mm, double across_mm, const Bend& bend) const;
   bool is_lit(double row_px, double col_px) const;
   // Terms times area of knots from the first radius (0: a core) to the last.
   void add_ring(const std::array<double, SkinKernel::kTerms>& light, double first_mm,
-                double last_mm, const Slopes& slopes, std::vector<Patch>& patches) const;
+                double last_mm, const Slopes& slopes, const Bend& bend,
+                std::vector<Patch>& patches) const;
 
   const ProjectorLight& light_;
-  estimation::Vec3 point_, along_, across_;  // along: the way in, projected on the surface
+  // along: the way in, projected on the surface
+  estimation::Vec3 point_, normal_, along_, across_;
   SkinKernel kernel_;
   double irradiance_ = 0;   // of the sample's own place under white light
   float transmission_ = 0;  // of the boundary, for light from the projector
