@@ -8,6 +8,9 @@
 #include <opencv2/aruco/charuco.hpp>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
+
+#include "estimation/calibration/corner_model.h"
 
 namespace estimation {
 namespace {
@@ -16,11 +19,13 @@ constexpr int kLeastSquares = 3, kMostSquares = 100;
 // Larger pictures are reduced for the search (not for the refinement).
 constexpr int kSearchWidthPx = 1300;
 constexpr double kWhiteQuantile = 0.995;
-// Half of the refinement's window, as a share of the distance to the nearest corner: beyond it a
-// ChArUco board's markers begin. And its bounds, px.
+// Half of the rough refinement's window, as a share of the distance to the nearest corner; px.
 constexpr double kWindowFrac = 0.3;
-constexpr double kCharucoWindowFrac = (1 - kCharucoMarkerFrac) / 2;
 constexpr int kLeastWindowPx = 2, kLargestWindowPx = 15;
+// The board's axes at a corner are those of the corners so near.
+constexpr double kAxesReachSquares = 2.5;
+// A ChArUco board's markers begin an eighth of a square from its edges, and their blur before that.
+constexpr double kMarkerBlurPx = 2, kLeastStripPx = 2;
 
 tl::unexpected<InputError> not_found(const std::string& expectation) {
   return tl::unexpected(InputError{InputFault::kInsufficient, "", "", expectation});
@@ -120,14 +125,50 @@ double nearest_distance_px(const std::vector<cv::Point2f>& corners, std::size_t 
   return nearest;
 }
 
-void refine(const cv::Mat1f& picture, double window_frac, std::vector<cv::Point2f>& corners) {
+// Good to some tenths of a pixel, for the fit to start from.
+void refine_roughly(const cv::Mat1f& picture, std::vector<cv::Point2f>& corners) {
   double least_px = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < corners.size(); ++i)
     least_px = std::min(least_px, nearest_distance_px(corners, i));
   const int window_px =
-      std::clamp(static_cast<int>(window_frac * least_px), kLeastWindowPx, kLargestWindowPx);
+      std::clamp(static_cast<int>(kWindowFrac * least_px), kLeastWindowPx, kLargestWindowPx);
   const cv::TermCriteria criteria(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 50, 1e-4);
   cv::cornerSubPix(picture, corners, {window_px, window_px}, {-1, -1}, criteria);
+}
+
+// How a step of one square along either axis of the board looks near a corner: by least squares
+// over the corners around.
+std::optional<Mat2> local_axes(const Found& found, std::size_t of, double square_mm) {
+  Mat2 moments = Mat2::zeros(), mixed = Mat2::zeros();
+  for (std::size_t i = 0; i < found.px.size(); ++i) {
+    const Vec2 step = (found.board_mm[i] - found.board_mm[of]) / square_mm;
+    if (i == of || std::max(std::abs(step[0]), std::abs(step[1])) > kAxesReachSquares) continue;
+    const Vec2 px(cv::Point2d(found.px[i]) - cv::Point2d(found.px[of]));
+    moments += step * step.t();
+    mixed += px * step.t();
+  }
+  if (std::abs(cv::determinant(moments)) < 1e-6) return std::nullopt;
+  return Mat2(mixed * moments.inv());
+}
+
+// Corners that the model does not fit stay where they are.
+std::vector<Vec2> refine(ImageView<const float> grey, const Board& board, const Found& found) {
+  const bool has_markers = board.kind == BoardKind::kCharuco;
+  std::vector<Vec2> refined;
+  for (std::size_t i = 0; i < found.px.size(); ++i) {
+    const Vec2 px(cv::Point2d(found.px[i]));
+    std::optional<Vec2> fitted;
+    if (const auto axes = local_axes(found, i, board.square_mm)) {
+      CornerStart start{px, *axes};
+      const double edge_px = std::sqrt(std::abs(cv::determinant(*axes)));
+      if (has_markers)
+        start.strip_frac = std::max((1 - kCharucoMarkerFrac) / 2 - kMarkerBlurPx / edge_px,
+                                    kLeastStripPx / edge_px);
+      fitted = fit_corner(grey, start);
+    }
+    refined.push_back(fitted.value_or(px));
+  }
+  return refined;
 }
 
 Result<std::vector<DetectedCorner>> detect(ImageView<const float> grey, const Board& board) {
@@ -145,10 +186,11 @@ Result<std::vector<DetectedCorner>> detect(ImageView<const float> grey, const Bo
             : std::to_string(found.px.size()) + " corners of the " + to_string(board) +
                   " are seen; expected 6 or more of OpenCV's DICT_5X5_250, sharp and evenly lit");
   for (cv::Point2f& px : found.px) px = search.to_full(px);
-  refine(picture, is_checkerboard ? kWindowFrac : kCharucoWindowFrac, found.px);
+  if (is_checkerboard) refine_roughly(picture, found.px);
+  const std::vector<Vec2> refined = refine(grey, board, found);
   std::vector<DetectedCorner> corners;
   for (std::size_t i = 0; i < found.px.size(); ++i)
-    corners.push_back({found.board_mm[i], Vec2(cv::Point2d(found.px[i]))});
+    corners.push_back({found.board_mm[i], refined[i]});
   return corners;
 }
 

@@ -132,7 +132,10 @@ Sight TargetWorld::Parts::look_at(const Target& target) const {
     for (int col = 0; col < width; ++col) {
       double reflectance = 0;
       for (int i = 0; i < kParts * kParts; ++i) {
-        const double x = (i % kParts + 0.5) / kParts, y = (i / kParts + 0.5) / kParts;
+        // In rows and columns of their own: an edge along a row crosses 16 of them, not four at once.
+        const int down = i / kParts, across = i % kParts;
+        const double x = (across + (down + 0.5) / kParts) / kParts;
+        const double y = (down + (across + 0.5) / kParts) / kParts;
         const cv::Vec2d at = (1 - y) * ((1 - x) * corner(row, col) + x * corner(row, col + 1)) +
                              y * ((1 - x) * corner(row + 1, col) + x * corner(row + 1, col + 1));
         reflectance += target.reflectance_at(at[0], at[1]) / (kParts * kParts);

@@ -119,7 +119,10 @@ class RenderedPose {
     constexpr int kParts = 4;
     double sum = 0;
     for (int i = 0; i < kParts * kParts; ++i) {
-      const double x = (i % kParts + 0.5) / kParts - 0.5, y = (i / kParts + 0.5) / kParts - 0.5;
+      // In rows and columns of their own: an edge along a row crosses 16 of them, not four at once.
+      const int row = i / kParts, col = i % kParts;
+      const double x = (col + (row + 0.5) / kParts) / kParts - 0.5;
+      const double y = (row + (col + 0.5) / kParts) / kParts - 0.5;
       const Vec2 at = middle + x * by_col + y * by_row;
       sum += albedo(at[0], at[1]);
     }
