@@ -63,9 +63,9 @@ std::optional<UnscatteredLight> light_at(const ShapeGrid& shape, const Lamp& lam
   double distance_mm = 0;
   Refraction bent;
   // Where the ray comes through depends on how it is bent there: a fixed point, which each step
-  // nears by the depth over the radius of curvature, a tenth or less.
+  // nears to the depth over the radius of curvature of what it was off by, a tenth or less.
   constexpr int kMostSteps = 12;
-  constexpr double kNearEnoughMm = 1e-4;
+  constexpr double kNearEnoughMm = 1e-3;
   for (int i = 0;; ++i) {
     const Vec3 ray = light.entry_mm - lamp.center_mm;
     distance_mm = cv::norm(ray);

@@ -39,8 +39,8 @@ class UniformMatter final : public Matter {
 };
 
 // One band of a scene's skin, which goes on inward along the normal: a point has the material of
-// the place on the surface above it. Sampled on the shape's grid, logarithms linear between;
-// outside its box as at the box's nearest place.
+// the place on the surface above it. Sampled on the shape's grid, linear between; outside its
+// box as at the box's nearest place.
 class SkinMatter final : public Matter {
  public:
   // All three bands. Runs in the caller's TBB arena.
@@ -50,10 +50,10 @@ class SkinMatter final : public Matter {
   double greatest_sigma_t_per_mm() const override { return greatest_sigma_t_per_mm_; }
 
  private:
-  explicit SkinMatter(const GridFrame& frame) : frame_(frame), logs_(frame.node_count()) {}
+  explicit SkinMatter(const GridFrame& frame) : frame_(frame), nodes_(frame.node_count()) {}
 
   GridFrame frame_;
-  std::vector<std::array<float, 2>> logs_;  // ln sigma_a, ln sigma_s'
+  std::vector<std::array<float, 2>> nodes_;  // sigma_a, sigma_s'
   double greatest_sigma_t_per_mm_ = 0;
 };
 

@@ -17,9 +17,14 @@ const ShapeGrid& half_space() {
   return grid;
 }
 
-Lamp sunlight(double incidence_rad) {
+Vec3 outward(double angle_rad, double azimuth_rad) {
+  const double sine = std::sin(angle_rad);
+  return {sine * std::cos(azimuth_rad), sine * std::sin(azimuth_rad), -std::cos(angle_rad)};
+}
+
+Lamp sunlight(const Vec3& towards_lamp) {
   constexpr double kFarMm = 1e6;
-  return {kFarMm * Vec3(-std::sin(incidence_rad), 0, -std::cos(incidence_rad)), kFarMm * kFarMm};
+  return {kFarMm * towards_lamp, kFarMm * kFarMm};
 }
 
 Vec3 lambertian_direction(PhotonRandom& random) {
@@ -28,24 +33,23 @@ Vec3 lambertian_direction(PhotonRandom& random) {
   return {sine * std::cos(azimuth), sine * std::sin(azimuth), -std::sqrt(1 - sine2)};
 }
 
-std::vector<Harmonic> flat_harmonics(const VolumeOptics& optics, double incidence_rad,
+std::vector<Harmonic> flat_harmonics(const VolumeOptics& optics, const FlatView& view,
                                      std::span<const double> freqs_per_mm, int paths,
                                      std::uint64_t seed) {
   constexpr int kBatches = 32;
   const UniformMatter matter(optics);
-  const AdjointWalk walk(half_space(), matter, sunlight(incidence_rad));
-  const double cosine = std::cos(incidence_rad);
-  const double flux = cosine * (1 - fresnel_reflectance(cosine, 1, kSkinIndex));
+  const AdjointWalk walk(half_space(), matter, sunlight(view.towards_lamp));
   const std::size_t count = freqs_per_mm.size();
   std::vector<std::vector<std::complex<double>>> batches(
       kBatches, std::vector<std::complex<double>>(count, 0.0));
   tbb::parallel_for(0, kBatches, [&](int batch) {
     PhotonRandom random(seed * kBatches + static_cast<std::uint64_t>(batch));
     std::vector<Deposit> deposits;
-    const double share = 1 / (flux * (paths / kBatches));
+    const double share = 1 / (-view.towards_lamp[2] * (paths / kBatches));
     for (int path = 0; path < paths / kBatches; ++path) {
       deposits.clear();
-      const auto start = seen_path(half_space(), {0, 0, 0}, lambertian_direction(random));
+      const Vec3 eye = view.towards_eye ? *view.towards_eye : lambertian_direction(random);
+      const auto start = seen_path(half_space(), {0, 0, 0}, eye);
       if (start) walk.trace(*start, random, deposits);
       for (const Deposit& deposit : deposits)
         for (std::size_t i = 0; i < count; ++i)
@@ -55,12 +59,14 @@ std::vector<Harmonic> flat_harmonics(const VolumeOptics& optics, double incidenc
   });
   std::vector<Harmonic> harmonics(count);
   for (std::size_t i = 0; i < count; ++i) {
-    std::vector<double> real;
+    std::vector<double> real, imaginary;
     for (const auto& batch : batches) {
       real.push_back(batch[i].real());
-      harmonics[i].value += batch[i] / static_cast<double>(kBatches);
+      imaginary.push_back(batch[i].imag());
     }
-    harmonics[i].standard_error = estimate_of(real).standard_error;
+    const Estimate re = estimate_of(real), im = estimate_of(imaginary);
+    harmonics[i] = {{re.value, im.value},
+                    std::hypot(re.standard_error, im.standard_error) / std::numbers::sqrt2};
   }
   return harmonics;
 }

@@ -5,6 +5,7 @@
 #include <complex>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -23,21 +24,27 @@ class HalfSpace final : public Shape {
 
 const ShapeGrid& half_space();
 
-// Parallel light of irradiance 1 across its way, from -x and above.
-Lamp sunlight(double incidence_rad);
+// A unit vector away from the surface, `angle_rad` from its normal.
+estimation::Vec3 outward(double angle_rad, double azimuth_rad = 0);
+
+// Parallel light of irradiance 1 across its way.
+Lamp sunlight(const estimation::Vec3& towards_lamp);
 
 // Outside directions by Lambert's law.
 estimation::Vec3 lambertian_direction(PhotonRandom& random);
 
-// Out of one seen point, all exit directions by Lambert's law.
+struct FlatView {
+  estimation::Vec3 towards_lamp{0, 0, -1};
+  std::optional<estimation::Vec3> towards_eye;  // none: all, by Lambert's law
+};
 struct Harmonic {
-  std::complex<double> value;  // per flux transmitted into the medium
-  double standard_error = 0;   // of the real part
+  std::complex<double> value;
+  double standard_error = 0;  // of real and imaginary part, their root mean square
 };
 
-// R(f) at each frequency, f along x. Runs in the caller's TBB arena; the same numbers for any
-// number of threads.
-std::vector<Harmonic> flat_harmonics(const VolumeOptics& optics, double incidence_rad,
+// What a pattern exp(2 pi i f x) reflects: pi times the radiance at x = 0 over incident flux. Runs
+// in the caller's TBB arena; the same numbers for any number of threads.
+std::vector<Harmonic> flat_harmonics(const VolumeOptics& optics, const FlatView& view,
                                      std::span<const double> freqs_per_mm, int paths,
                                      std::uint64_t seed);
 

@@ -1,0 +1,268 @@
+#include "tests/bench/photon_tables.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+
+namespace bench {
+
+namespace {
+
+constexpr std::size_t kShifts = 40;  // the paper's plan begins with them
+constexpr int kRimPx = 2;            // of a window: the estimator lacks neighbours there
+
+// Bins of distance in the pixel's own l_d.
+struct Bin {
+  const char* name;
+  double from, to;
+};
+constexpr Bin kBins[] = {{"0 (materials mix)", -1, 1e-9},
+                         {"0 to 0.5", 1e-9, 0.5},
+                         {"0.5 to 1", 0.5, 1},
+                         {"1 to 2", 1, 2},
+                         {"2 to 4", 2, 4},
+                         {"above 4", 4, 1e9}};
+constexpr const char* kBands[] = {"red", "green", "blue"};
+
+double quantile(std::vector<double> values, double share) {
+  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
+  const auto at = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1) + 0.5);
+  std::nth_element(values.begin(), values.begin() + at, values.end());
+  return values[static_cast<std::size_t>(at)];
+}
+
+std::vector<double> magnitudes(std::vector<double> values) {
+  for (double& value : values) value = std::abs(value);
+  return values;
+}
+
+bool is_counted(const Window& window, const WindowPixel& pixel) {
+  return pixel.is_lit && pixel.cos_projector > 0.2 && pixel.row >= kRimPx && pixel.col >= kRimPx &&
+         pixel.row < window.plan.height_px - kRimPx && pixel.col < window.plan.width_px - kRimPx;
+}
+
+// In l_d, to a border or a break, whichever is nearer.
+double distance_of(const WindowPixel& pixel) {
+  return std::min(pixel.border_distance_mm, pixel.break_distance_mm) /
+         pixel.scattering.translucency_mm();
+}
+
+using Chosen = std::vector<std::size_t>;  // pixels
+
+struct Row {
+  std::string window, band, distance;
+  Chosen pixels;
+};
+
+std::vector<Row> rows_of(const WindowResult& result) {
+  std::vector<Row> rows;
+  const auto add = [&](const std::string& band, const std::string& distance,
+                       const std::function<bool(const WindowPixel&)>& is_in) {
+    Chosen chosen;
+    for (std::size_t i = 0; i < result.window.pixels.size(); ++i) {
+      const WindowPixel& pixel = result.window.pixels[i];
+      if (is_counted(result.window, pixel) && is_in(pixel)) chosen.push_back(i);
+    }
+    if (!chosen.empty()) rows.push_back({result.window.plan.name, band, distance, chosen});
+  };
+  for (const Bin& bin : kBins)
+    add("all", bin.name, [&](const WindowPixel& pixel) {
+      const double distance = distance_of(pixel);
+      return distance >= bin.from && distance < bin.to;
+    });
+  for (int band = 0; band < 3; ++band)
+    add(kBands[band], "all", [&](const WindowPixel& pixel) { return pixel.band == band; });
+  return rows;
+}
+
+Table profile_table(const std::vector<WindowResult>& results) {
+  Table table{.name = "photon_windows_profiles",
+              .title = "Stripe profiles: surface less photons, % of the photons' mean",
+              .columns = {"window", "colour", "distance, l_d", "pixels", "level median",
+                          "level p95", "its noise p95", "profile median", "profile p95",
+                          "its noise median", "profile rms without noise"}};
+  for (const WindowResult& result : results)
+    for (const Row& row : rows_of(result)) {
+      std::vector<double> level, level_se, shape, shape_se;
+      double squares = 0;
+      for (const std::size_t i : row.pixels) {
+        const ProfileDifference& d = result.profiles[i];
+        level.push_back(d.level);
+        level_se.push_back(1.96 * d.level_se);
+        shape.push_back(d.shape);
+        shape_se.push_back(d.shape_se);
+        squares +=
+            (d.shape * d.shape - d.shape_se * d.shape_se) / static_cast<double>(row.pixels.size());
+      }
+      table.rows.push_back({row.window, row.band, row.distance, std::to_string(row.pixels.size()),
+                            percent(quantile(level, 0.5)),
+                            percent(quantile(magnitudes(level), 0.95)),
+                            percent(quantile(level_se, 0.5)), percent(quantile(shape, 0.5)),
+                            percent(quantile(shape, 0.95)), percent(quantile(shape_se, 0.5)),
+                            percent(std::sqrt(std::max(squares, 0.0)))});
+    }
+  return table;
+}
+
+using Quantity = double (*)(const Recovered&);
+struct Named {
+  const char* name;
+  Quantity of;
+  double (*truth)(const hw_sim::Scattering&);
+};
+constexpr Named kQuantities[] = {
+    {"sigma_a", [](const Recovered& r) { return r.sigma_a_per_mm; },
+     [](const hw_sim::Scattering& s) { return s.sigma_a_per_mm; }},
+    {"sigma_s'", [](const Recovered& r) { return r.sigma_s_prime_per_mm; },
+     [](const hw_sim::Scattering& s) { return s.sigma_s_prime_per_mm; }},
+    {"l_d", [](const Recovered& r) { return r.translucency_mm; },
+     [](const hw_sim::Scattering& s) { return s.translucency_mm(); }}};
+
+// Of the pixels that all fits made something of.
+struct Errors {
+  std::vector<double> surface, photons;  // of the truth
+  std::vector<double> noise;             // of the photons
+};
+
+Errors errors_of(const WindowResult& result, const Chosen& pixels, const Named& quantity) {
+  Errors errors;
+  for (const std::size_t i : pixels) {
+    const Recovered &surface = result.from_surface[i], &photons = result.from_photons[i];
+    const Recovered &one = result.from_halves[0][i], &other = result.from_halves[1][i];
+    if (!surface.is_valid || !photons.is_valid || !one.is_valid || !other.is_valid) continue;
+    const double truth = quantity.truth(result.window.pixels[i].scattering);
+    errors.surface.push_back(quantity.of(surface) / truth - 1);
+    errors.photons.push_back(quantity.of(photons) / truth - 1);
+    // The mean of two equal halves scatters by half their difference.
+    errors.noise.push_back((quantity.of(one) - quantity.of(other)) / 2 / truth);
+  }
+  return errors;
+}
+
+Table recovered_table(const std::vector<WindowResult>& results) {
+  Table table{.name = "photon_windows_recovered",
+              .title =
+                  "What the estimator recovers: error % against the material where the pixel "
+                  "looks; bias is the median, p95 of the magnitude",
+              .columns = {"window", "colour", "distance, l_d", "fits"}};
+  for (const Named& quantity : kQuantities)
+    for (const char* column : {": surface, bias / p95", ": photons, bias / p95 (noise alone)"})
+      table.columns.push_back(std::string(quantity.name).append(column));
+  for (const WindowResult& result : results)
+    for (const Row& row : rows_of(result)) {
+      table.rows.push_back({row.window, row.band, row.distance});
+      for (const Named& quantity : kQuantities) {
+        const Errors e = errors_of(result, row.pixels, quantity);
+        if (&quantity == &kQuantities[0])
+          table.rows.back().push_back(std::to_string(e.surface.size())
+                                          .append("/")
+                                          .append(std::to_string(row.pixels.size())));
+        const auto shown = [](const std::vector<double>& errors) {
+          return percent(quantile(errors, 0.5), 1)
+              .append(" / ")
+              .append(percent(quantile(magnitudes(errors), 0.95), 1));
+        };
+        table.rows.back().push_back(shown(e.surface));
+        table.rows.back().push_back(shown(e.photons)
+                                        .append(" (")
+                                        .append(percent(quantile(magnitudes(e.noise), 0.95), 1))
+                                        .append(")"));
+      }
+    }
+  return table;
+}
+
+Table pixel_table(const WindowResult& result) {
+  Table table{.name = std::string("photon_window_").append(result.window.plan.name),
+              .title = "",
+              .columns = {"row",
+                          "col",
+                          "band",
+                          "counted",
+                          "distance_l_d",
+                          "border_mm",
+                          "break_mm",
+                          "level",
+                          "level_se",
+                          "profile",
+                          "profile_se",
+                          "sigma_a",
+                          "surface_sigma_a",
+                          "photons_sigma_a",
+                          "sigma_s_prime",
+                          "surface_sigma_s_prime",
+                          "photons_sigma_s_prime",
+                          "l_d_mm",
+                          "surface_l_d_mm",
+                          "photons_l_d_mm"}};
+  for (std::size_t i = 0; i < result.window.pixels.size(); ++i) {
+    const WindowPixel& p = result.window.pixels[i];
+    const ProfileDifference& d = result.profiles[i];
+    std::vector<std::string> row = {std::to_string(p.row), std::to_string(p.col), kBands[p.band],
+                                    is_counted(result.window, p) ? "1" : "0"};
+    for (const double value : {distance_of(p), p.border_distance_mm, p.break_distance_mm, d.level,
+                               d.level_se, d.shape, d.shape_se})
+      row.push_back(digits(value, 5));
+    for (const Named& quantity : kQuantities) {
+      row.push_back(digits(quantity.truth(p.scattering), 5));
+      for (const Recovered& r : {result.from_surface[i], result.from_photons[i]})
+        row.push_back(r.is_valid ? digits(quantity.of(r), 5) : "-");
+    }
+    table.rows.push_back(std::move(row));
+  }
+  return table;
+}
+
+std::vector<ProfileDifference> differences(const Window& window) {
+  std::vector<ProfileDifference> all;
+  for (std::size_t i = 0; i < window.pixels.size(); ++i) {
+    double mean = 0, off = 0, squares = 0, noise = 0;
+    for (std::size_t shift = 0; shift < kShifts; ++shift) {
+      const double difference = window.surface[shift][i] - window.photons[shift][i];
+      mean += window.photons[shift][i] / kShifts;
+      off += difference / kShifts;
+      squares += difference * difference / kShifts;
+      noise += window.photons_se[shift][i] * window.photons_se[shift][i] / kShifts;
+    }
+    all.push_back({off / mean, window.level_se[i] / mean, std::sqrt(squares) / mean,
+                   std::sqrt(noise) / mean});
+  }
+  return all;
+}
+
+}  // namespace
+
+WindowResult judge(Window window, const WindowOptions& options) {
+  WindowResult result;
+  result.profiles = differences(window);
+  result.from_surface = recover(window, window.surface, options.thread_count);
+  result.from_photons = recover(window, window.photons, options.thread_count);
+  for (std::size_t half = 0; half < 2; ++half)
+    result.from_halves[half] = recover(window, window.halves[half], options.thread_count);
+  result.window = std::move(window);
+  return result;
+}
+
+void show_windows(Report& report, const std::vector<WindowResult>& results,
+                  const std::filesystem::path& folder) {
+  if (results.empty()) return;
+  report.text("### Surface against photons in windows of a face");
+  for (const WindowResult& result : results)
+    report.text(std::string(result.window.plan.title)
+                    .append(": ")
+                    .append(std::to_string(result.window.pixels.size()))
+                    .append(" pixels, ")
+                    .append(digits(static_cast<double>(result.window.path_count)))
+                    .append(" paths in ")
+                    .append(digits(result.window.photon_cpu_s))
+                    .append(" s of CPU; the surface way took ")
+                    .append(digits(result.window.surface_wall_s))
+                    .append(" s."));
+  report.table(profile_table(results));
+  report.table(recovered_table(results));
+  for (const WindowResult& result : results) report.table(pixel_table(result), false);
+  write_pictures(report, results, folder);
+}
+
+}  // namespace bench

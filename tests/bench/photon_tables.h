@@ -1,0 +1,37 @@
+// Surface against photons in windows of a face: tables and pictures.
+#pragma once
+
+#include <filesystem>
+#include <vector>
+
+#include "tests/bench/photon_estimates.h"
+#include "tests/bench/photon_window.h"
+#include "tests/bench/report.h"
+
+namespace bench {
+
+// How one pixel's stripe profile by the surface way differs from the photons', relative to their
+// mean.
+struct ProfileDifference {
+  double level = 0, level_se = 0;  // of the mean over the period
+  double shape = 0, shape_se = 0;  // root mean square over the 40 shifts, means included
+};
+
+struct WindowResult {
+  Window window;
+  std::vector<ProfileDifference> profiles;            // by pixel
+  std::vector<Recovered> from_surface, from_photons;  // by pixel
+  std::array<std::vector<Recovered>, 2> from_halves;
+};
+
+WindowResult judge(Window window, const WindowOptions& options);
+
+// A PNG for each window and one with all, CSVs with every pixel and every bin.
+void show_windows(Report& report, const std::vector<WindowResult>& results,
+                  const std::filesystem::path& folder);
+
+// What show_windows draws.
+void write_pictures(Report& report, const std::vector<WindowResult>& results,
+                    const std::filesystem::path& folder);
+
+}  // namespace bench
