@@ -51,6 +51,10 @@ Vec3 read_translation(const JsonValue& value) {
   Vec3 t;
   const std::vector<JsonValue> values = value.exactly(3, what);
   for (int i = 0; i < 3; ++i) t[i] = values[static_cast<std::size_t>(i)].number(what);
+  constexpr double kLeastBaselineMm = 1e-3;
+  if (cv::norm(t) < kLeastBaselineMm)
+    value.fail(what +
+               ", not zero: camera and projector cannot be in one place; calibrate the geometry");
   return t;
 }
 

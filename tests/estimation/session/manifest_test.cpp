@@ -340,6 +340,15 @@ TEST(Calibration, StandsAloneInAFile) {
   EXPECT_EQ(broken.error().place, "/projector/t");
 }
 
+TEST(Calibration, CameraAndProjectorInOnePlaceAreRefused) {
+  json document = example_document()["calibration"];
+  document["projector"]["t"] = {0, 0, 0};
+  const auto calibration = parse_calibration(document.dump(), "rig.json");
+  ASSERT_FALSE(calibration);
+  EXPECT_EQ(calibration.error().place, "/projector/t");
+  EXPECT_NE(calibration.error().text().find("cannot be in one place"), std::string::npos);
+}
+
 TEST(PixelFormat, NamesAreTheContracts) {
   int accepted = 0;
   for (const char* filter : {"Mono", "BayerRG", "BayerGR", "BayerGB", "BayerBG", "RGB"}) {
