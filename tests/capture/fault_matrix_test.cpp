@@ -7,6 +7,8 @@
 #include <iterator>
 #include <random>
 
+#include "tests/capture/random_faults.h"
+
 namespace capture {
 namespace {
 
@@ -29,27 +31,6 @@ TEST(FaultMatrix, KeepsThePromiseAndIsTheTableOfTheReadme) {
   const std::string readme{std::istreambuf_iterator<char>(in), {}};
   EXPECT_EQ(with_fault_matrix(readme, fault_matrix_table(cells)), readme)
       << "run fault_matrix_table tests/README.md";
-}
-
-// Several faults of any kind anywhere.
-hw_sim::FaultPlan random_plan(std::mt19937_64& random) {
-  hw_sim::FaultPlan plan{.seed = random(), .faults = {}};
-  for (std::uint64_t k = random() % 8; k > 0; --k) {
-    const auto kind = static_cast<hw_sim::FaultKind>(random() % hw_sim::kFaultKindCount);
-    auto fault = fault_at(kind, static_cast<int>(random() % 90), static_cast<int>(random() % 2),
-                          1 + static_cast<int>(random() % 2));
-    // A ramp that is bent and put back between two looks, that is within one pattern, nobody sees.
-    const unsigned shortest_ms = kind == hw_sim::FaultKind::kGammaWrong ? 100 : 1;
-    if (fault.duration.count() > 0)
-      fault.duration = std::chrono::milliseconds(shortest_ms + random() % 2000);
-    if (random() % 8 == 0) {
-      fault.place.reset();
-      fault.rate_frac = 0.003;
-      fault.count = 5;
-    }
-    plan.faults.push_back(fault);
-  }
-  return plan;
 }
 
 TEST(FaultMatrix, RandomFaultsEndCompleteOrFailedButNeverWrong) {

@@ -31,16 +31,27 @@ class WireFaults : public testing::Test {
     std::string name = "/tmp/wfault.XXXXXX";
     folder_ = mkdtemp(name.data());
     fs::create_directory(folder_ / "tmp");
+    fs::copy(LEDGER_RIG, rig_file());
+    fs::copy(fs::path(LEDGER_RIG).parent_path() / "ledger_calibration.json", folder_);
   }
   ~WireFaults() override { fs::remove_all(folder_); }
 
  protected:
+  fs::path rig_file() const { return folder_ / "rig.toml"; }
+  void wait_for_devices_for(std::chrono::milliseconds time) const {
+    std::ifstream in(rig_file());
+    std::string rig{std::istreambuf_iterator<char>(in), {}};
+    const std::string section = "[sequence]\n";
+    rig.insert(rig.find(section) + section.size(),
+               "reopen_deadline_ms = " + std::to_string(time.count()) + "\n");
+    std::ofstream(rig_file()) << rig;
+  }
   // The exit code of `ssrig capture` under a plan.
   int capture(const std::string& plan) {
     std::ofstream(folder_ / "plan.toml") << plan;
     auto child = hw_sim::ChildProcess::start(
-        {.argv = {SSRIG_SIM, "run", "--rig", LEDGER_RIG, "--scene", "ledger", "--faults",
-                  folder_ / "plan.toml", "--", SSRIG, "capture", "--rig", LEDGER_RIG, "--out",
+        {.argv = {SSRIG_SIM, "run", "--rig", rig_file(), "--scene", "ledger", "--faults",
+                  folder_ / "plan.toml", "--", SSRIG, "capture", "--rig", rig_file(), "--out",
                   out()},
          .environment = {{"TMPDIR", (folder_ / "tmp").string()}},
          .output = folder_ / "output"});
@@ -92,6 +103,41 @@ TEST_F(WireFaults, AllThatPassGoUnseenInTheSession) {
   }
   EXPECT_EQ(capture(plan + "]\n"), kDone) << output();
   expect_complete_and_right();
+
+  // And the judge sees two frames that have changed places.
+  const fs::path frames = only_session() / "frames";
+  fs::rename(frames / "pattern_010_bracket_0.tiff", frames / "kept.tiff");
+  fs::rename(frames / "pattern_011_bracket_0.tiff", frames / "pattern_010_bracket_0.tiff");
+  fs::rename(frames / "kept.tiff", frames / "pattern_011_bracket_0.tiff");
+  EXPECT_EQ(read_ledger_session(only_session(), LEDGER_RIG).wrong_frames.size(), 2U);
+}
+
+// Every device that can be lost, three to a capture, which is how often one waits for them.
+TEST_F(WireFaults, LostDevicesAreWaitedForAndTheOpenSlotsTaken) {
+  EXPECT_EQ(capture("faults = [{fault = \"camera_rebooted\", slot = 10},\n"
+                    "{fault = \"projector_gone\", slot = 30},\n"
+                    "{fault = \"usb_unplugged\", slot = 60}]\n"),
+            kDone)
+      << output();
+  expect_complete_and_right();
+}
+
+TEST_F(WireFaults, StolenControlPulledCableAndBentGammaAreWaitedFor) {
+  EXPECT_EQ(capture("faults = [{fault = \"control_stolen\", slot = 10},\n"
+                    "{fault = \"cable_pulled\", slot = 30},\n"
+                    "{fault = \"gamma_wrong\", slot = 87}]\n"),
+            kDone)
+      << output();
+  expect_complete_and_right();
+}
+
+TEST_F(WireFaults, DeviceThatStaysAwayFailsTheCaptureWithItsName) {
+  wait_for_devices_for(std::chrono::milliseconds(2000));
+  EXPECT_EQ(capture("faults = [{fault = \"usb_unplugged\", slot = 87, duration_ms = 0}]\n"),
+            kDevice)
+      << output();
+  expect_failed_and_nothing_wrong();
+  EXPECT_THAT(output(), HasSubstr("trigger box: lost, and not back within 2 s: no trigger box"));
 }
 
 TEST_F(WireFaults, BadPlanIsNamedWithItsLine) {
