@@ -17,6 +17,8 @@
 namespace estimation {
 namespace {
 
+// Of the predicted shift; what shows less of it is left as it is.
+constexpr double kLeastShownShare = 0.3;
 // Window samples on either side of a node: its bends are smooth over the window.
 constexpr int kWindowSamples = 4;
 constexpr std::size_t kLeastSamples = 20;
@@ -35,6 +37,9 @@ struct Bend {
   float light_per_mm = 0;        // relative change of the irradiance along q
   float along_px_per_mm2 = 0;    // second derivative of the coordinate on the surface along q
   float across_px_per_mm2 = 0;   // and across
+  // Of the coordinate, were the light to come out displaced towards the device by a mm times the
+  // sine of its direction.
+  float projector_px = 0, camera_px = 0;
 };
 
 // Derivatives of position and normal by the picture's columns and rows, by weighted least squares.
@@ -107,9 +112,13 @@ class BendFinder {
     const auto second = [&](const Vec3& way, const Vec3& turn) {
       return straight_second(here_mm, way) - out * way.dot(turn);
     };
-    return {1, static_cast<float>(length), static_cast<float>(light_per_mm),
+    return {1,
+            static_cast<float>(length),
+            static_cast<float>(light_per_mm),
             static_cast<float>(second(along, *bend_along)),
-            static_cast<float>(second(across, *bend_across))};
+            static_cast<float>(second(across, *bend_across)),
+            static_cast<float>(length * along.dot(towards)),
+            static_cast<float>(-length * along.dot(here_mm) / cv::norm(here_mm))};
   }
 
  private:
@@ -232,6 +241,52 @@ double shift_px(const Bend& bend, const SpreadShape& spread, const SpreadCells& 
   return sum / weights;
 }
 
+// How much of the predicted shift the data show: about 0.6 on faces (bends have noise of their own,
+// which a fit takes for a weaker effect), nothing where a bend is noise alone or where light does
+// not spread. The first harmonic is moved more than the second, by a known share: what their
+// coordinates differ by is fitted by that, by what oblique light may do to them (towards the
+// projector and the camera), and a constant, each band for itself.
+double shown_share(const BendNodes& bends, const SpreadCells& cells) {
+  constexpr int kTerms = 4;
+  constexpr double kPriorSd = 0.5;  // around zero: the effect has to be seen
+  // A cell's spread is that of nine cells: so many fewer are independent.
+  constexpr double kCellsShared = 9;
+  constexpr double kMostOffPx = 0.5;  // beyond: an edge, not a bend
+  double weights = 1 / (kPriorSd * kPriorSd), sum = 0;
+  for (const auto& band : cells.bands) {
+    cv::Matx<double, kTerms, kTerms> normal_matrix;
+    cv::Vec<double, kTerms> right;
+    double squares = 0;
+    int count = 0;
+    for (std::size_t i = 0; i < band.size(); ++i) {
+      const Bend& bend = bends.nodes[i];
+      if (!band[i] || !(bend.is_known > 0)) continue;
+      const double predicted_px =
+          shift_px(bend, band[i]->shape, cells.second_harmonic, cells.period_px) -
+          shift_px(bend, band[i]->shape, 1, cells.period_px);
+      const double measured_px = band[i]->second_less_first_px;
+      if (std::abs(predicted_px) > kMostOffPx || std::abs(measured_px) > kMostOffPx) continue;
+      const cv::Vec<double, kTerms> terms(predicted_px, double{bend.projector_px},
+                                          double{bend.camera_px}, 1);
+      normal_matrix += terms * terms.t();
+      right += measured_px * terms;
+      squares += measured_px * measured_px;
+      ++count;
+    }
+    if (count <= kTerms * kCellsShared) continue;
+    bool is_regular = false;
+    const auto inverse = normal_matrix.inv(cv::DECOMP_CHOLESKY, &is_regular);
+    if (!is_regular) continue;
+    const cv::Vec<double, kTerms> fit = inverse * right;
+    const double residual = std::max(squares - fit.dot(right), 0.0) / count;
+    const double variance = kCellsShared * residual * inverse(0, 0);
+    if (!(variance > 0)) continue;
+    sum += fit[0] / variance;
+    weights += 1 / variance;
+  }
+  return sum / weights;
+}
+
 double median_pixel_mm(const Surface& surface, double focal_px) {
   std::vector<float> depths_mm;
   const auto samples = surface.position_mm[2].samples();
@@ -257,10 +312,10 @@ void take_off(const AxisSpread& from, const BendNodes& bends, const CameraInfo& 
       position_px.at(row, col) = from.measured_px.at(row, col);
       sd_px.at(row, col) = from.measured_sd_px.at(row, col);
       if (std::isnan(position_px.at(row, col))) continue;
-      const auto& shape = from.spread.at(spread_band(camera, row, col), row, col);
+      const auto& spread = from.spread.at(spread_band(camera, row, col), row, col);
       const Bend bend = bends.at(row, col);
-      if (!shape || !(bend.is_known > 0)) continue;
-      const double off_px = shift_px(bend, *shape, from.spread, options.source);
+      if (!spread || !(bend.is_known > 0)) continue;
+      const double off_px = shift_px(bend, spread->shape, from.spread, options.source);
       if (!(std::abs(off_px) < kMostShiftPx)) continue;
       position_px.at(row, col) -= static_cast<float>(off_px);
       sd_px.at(row, col) =
@@ -298,12 +353,17 @@ Surface reconstruct_bent_surface(std::span<const PatternSignal> signals,
   }
   if (axes.empty()) return surface;
   for (int pass = 0; pass < bend_options.pass_count; ++pass) {
+    bool is_moved = false;
     for (const AxisSpread& from : axes) {
       const bool is_column = from.axis == Axis::kColumn;
-      take_off(from, bends_of(stereo, surface, from.axis, radius_px, side_px), camera, bend_options,
+      const BendNodes bends = bends_of(stereo, surface, from.axis, radius_px, side_px);
+      if (shown_share(bends, from.spread) < kLeastShownShare) continue;
+      take_off(from, bends, camera, bend_options,
                is_column ? correspondence.column_px : correspondence.row_px,
                is_column ? correspondence.column_sd_px : correspondence.row_sd_px);
+      is_moved = true;
     }
+    if (!is_moved) break;
     surface = reconstruct();
   }
   return surface;

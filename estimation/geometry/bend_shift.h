@@ -33,7 +33,8 @@ struct BendOptions {
 };
 
 // The surface from the correspondence; where a sweep of stripes tells how far light spreads (three
-// of its harmonics must be there) and the surface around is known, the shift is first taken out of
+// of its harmonics must be there), the surface around is known and the data show the effect (the
+// first two harmonics are moved differently), the shift is first taken out of
 // `correspondence`, whose standard deviations grow by its uncertainty.
 //   signals  as decode_correspondence took them; the stripes suffice
 // Runs in the caller's oneTBB arena; the same bits for any number of threads.

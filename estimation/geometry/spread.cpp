@@ -88,12 +88,22 @@ std::optional<Weights> make_weights(const Sweep& sweep) {
   return weights;
 }
 
-using Amplitudes = std::array<double, kHarmonics>;
+// Sums over pixels. Of the harmonics along the first one's phase, which a symmetric spread leaves
+// them at: signed, so that noise averages out; and the second's across it.
+struct Amplitudes {
+  std::array<double, kHarmonics> along{};
+  double second_across = 0;
+  int count = 0;
 
-// Of the harmonics along the first one's phase, which a symmetric spread leaves them at: signed, so
-// that noise averages out. False where a sample is lost.
-bool read_amplitudes(const Sweep& sweep, const Weights& weights, int row, int col,
-                     Amplitudes& amplitudes) {
+  void add(const Amplitudes& more) {
+    for (std::size_t h = 0; h < kHarmonics; ++h) along[h] += more.along[h];
+    second_across += more.second_across;
+    count += more.count;
+  }
+};
+
+// Of one pixel; nothing where a sample is lost.
+Amplitudes read_amplitudes(const Sweep& sweep, const Weights& weights, int row, int col) {
   std::array<float, kHarmonics> cosine{}, sine{};
   for (std::size_t i = 0; i < sweep.signals.size(); ++i) {
     const float sample = sweep.signals[i].at(row, col);
@@ -102,13 +112,17 @@ bool read_amplitudes(const Sweep& sweep, const Weights& weights, int row, int co
       sine[h] += weights.sine[h][i] * sample;
     }
   }
+  if (!std::isfinite(cosine[0])) return {};
+  Amplitudes amplitudes;
+  amplitudes.count = 1;
   const double phase_rad = std::atan2(double{sine[0]}, double{cosine[0]});
   for (std::size_t h = 0; h < kHarmonics; ++h) {
     const double turned_rad = phase_rad * weights.harmonics[h];
-    amplitudes[h] =
-        double{cosine[h]} * std::cos(turned_rad) + double{sine[h]} * std::sin(turned_rad);
+    const double c = std::cos(turned_rad), s = std::sin(turned_rad);
+    amplitudes.along[h] = double{cosine[h]} * c + double{sine[h]} * s;
+    if (h == 1) amplitudes.second_across = double{sine[h]} * c - double{cosine[h]} * s;
   }
-  return std::isfinite(amplitudes[0]);
+  return amplitudes;
 }
 
 // Through three harmonics; tau from the ratio of the two steps.
@@ -133,10 +147,37 @@ SpreadShape shape_through(const std::array<int, kHarmonics>& harmonics,
   return {(first_step + second_step) / (root(tau, 2) - root(tau, 0)), tau};
 }
 
-struct CellSums {
-  Amplitudes amplitudes{};
-  int count = 0;
-};
+using BandSums = std::array<std::vector<Amplitudes>, 3>;  // [band][cell]
+
+void sum_cell_row(const Sweep& sweep, const Weights& weights, const CameraInfo& camera,
+                  const SpreadCells& cells, int cell_row, BandSums& sums) {
+  const int side_px = cells.side_px;
+  const int step_px = 2 * std::max(1, side_px / (2 * kQuadsPerCell));
+  const int end = std::min((cell_row + 1) * side_px, camera.height_px);
+  for (int row = cell_row * side_px; row < end; ++row) {
+    if ((row - cell_row * side_px) % step_px > 1) continue;
+    for (int col = 0; col < camera.width_px; ++col) {
+      if (col % side_px % step_px > 1) continue;
+      const auto cell = static_cast<std::size_t>(cell_row * cells.cols + col / side_px);
+      sums[static_cast<std::size_t>(spread_band(camera, row, col))][cell].add(
+          read_amplitudes(sweep, weights, row, col));
+    }
+  }
+}
+
+std::optional<CellSpread> spread_from(const Amplitudes& sums, const Sweep& sweep,
+                                      const Weights& weights) {
+  if (sums.count == 0 || !(sums.along.back() > kLeastThird * sums.along.front()) ||
+      !(sums.along[1] > 0))
+    return std::nullopt;
+  std::array<double, kHarmonics> log_transfer{};
+  for (std::size_t h = 0; h < kHarmonics; ++h)
+    log_transfer[h] = std::log(
+        sums.along[h] / stripe_harmonic(sweep.period_px, sweep.width_px, weights.harmonics[h]));
+  const double px_per_rad = sweep.period_px / (2 * std::numbers::pi * weights.harmonics[1]);
+  return CellSpread{shape_through(weights.harmonics, log_transfer),
+                    std::atan2(sums.second_across, sums.along[1]) * px_per_rad};
+}
 
 }  // namespace
 
@@ -172,56 +213,27 @@ std::optional<SpreadCells> spread_of(std::span<const PatternSignal> signals, Axi
   SpreadCells cells;
   cells.period_px = sweep->period_px;
   cells.width_px = sweep->width_px;
+  cells.second_harmonic = weights->harmonics[1];
   cells.side_px = cell_side_px;
   cells.rows = (camera.height_px + cell_side_px - 1) / cell_side_px;
   cells.cols = (camera.width_px + cell_side_px - 1) / cell_side_px;
   const auto count = static_cast<std::size_t>(cells.rows) * static_cast<std::size_t>(cells.cols);
-  std::array<std::vector<CellSums>, 3> sums;
+  BandSums sums;
   for (auto& band : sums) band.resize(count);
-  const int step_px = 2 * std::max(1, cell_side_px / (2 * kQuadsPerCell));
-  tbb::parallel_for(0, cells.rows, [&](int cell_row) {
-    const int end = std::min((cell_row + 1) * cell_side_px, camera.height_px);
-    for (int row = cell_row * cell_side_px; row < end; ++row) {
-      if ((row - cell_row * cell_side_px) % step_px > 1) continue;
-      for (int col = 0; col < camera.width_px; ++col) {
-        if (col % cell_side_px % step_px > 1) continue;
-        Amplitudes amplitudes;
-        if (!read_amplitudes(*sweep, *weights, row, col, amplitudes)) continue;
-        CellSums& cell =
-            sums[static_cast<std::size_t>(spread_band(camera, row, col))]
-                [static_cast<std::size_t>(cell_row) * static_cast<std::size_t>(cells.cols) +
-                 static_cast<std::size_t>(col / cell_side_px)];
-        for (std::size_t h = 0; h < kHarmonics; ++h) cell.amplitudes[h] += amplitudes[h];
-        ++cell.count;
+  for (auto& band : cells.bands) band.resize(count);
+  tbb::parallel_for(0, cells.rows,
+                    [&](int row) { sum_cell_row(*sweep, *weights, camera, cells, row, sums); });
+  tbb::parallel_for(0, cells.rows, [&](int row) {
+    for (std::size_t band = 0; band < sums.size(); ++band)
+      for (int col = 0; col < cells.cols; ++col) {
+        Amplitudes around;
+        for (int r = std::max(row - 1, 0); r <= std::min(row + 1, cells.rows - 1); ++r)
+          for (int c = std::max(col - 1, 0); c <= std::min(col + 1, cells.cols - 1); ++c)
+            around.add(sums[band][static_cast<std::size_t>(r * cells.cols + c)]);
+        cells.bands[band][static_cast<std::size_t>(row * cells.cols + col)] =
+            spread_from(around, *sweep, *weights);
       }
-    }
   });
-  for (std::size_t band = 0; band < 3; ++band) {
-    cells.bands[band].resize(count);
-    tbb::parallel_for(0, cells.rows, [&](int cell_row) {
-      for (int cell_col = 0; cell_col < cells.cols; ++cell_col) {
-        CellSums around;
-        for (int r = std::max(cell_row - 1, 0); r <= std::min(cell_row + 1, cells.rows - 1); ++r)
-          for (int c = std::max(cell_col - 1, 0); c <= std::min(cell_col + 1, cells.cols - 1);
-               ++c) {
-            const CellSums& cell = sums[band][static_cast<std::size_t>(r * cells.cols + c)];
-            for (std::size_t h = 0; h < kHarmonics; ++h) around.amplitudes[h] += cell.amplitudes[h];
-            around.count += cell.count;
-          }
-        if (around.count == 0 ||
-            !(around.amplitudes.back() > kLeastThird * around.amplitudes.front()) ||
-            !(around.amplitudes[1] > 0))
-          continue;
-        std::array<double, kHarmonics> log_transfer{};
-        for (std::size_t h = 0; h < kHarmonics; ++h)
-          log_transfer[h] =
-              std::log(around.amplitudes[h] /
-                       stripe_harmonic(sweep->period_px, sweep->width_px, weights->harmonics[h]));
-        cells.bands[band][static_cast<std::size_t>(cell_row * cells.cols + cell_col)] =
-            shape_through(weights->harmonics, log_transfer);
-      }
-    });
-  }
   return cells;
 }
 

@@ -23,14 +23,22 @@ struct SpreadShape {
   double second(double t) const;        // R~'' / R~
 };
 
+struct CellSpread {
+  SpreadShape shape;
+  // By how much the coordinate read from the second of the harmonics used differs from that of the
+  // first, projector px: light that comes out shifted is shifted differently.
+  double second_less_first_px = 0;
+};
+
 // Cells of the picture over which light spreads alike; [band][cell].
 struct SpreadCells {
   int period_px = 0, width_px = 0;  // of the sweep's stripes
   int side_px = 1;
   int rows = 0, cols = 0;
-  std::array<std::vector<std::optional<SpreadShape>>, 3> bands;
+  int second_harmonic = 2;
+  std::array<std::vector<std::optional<CellSpread>>, 3> bands;
 
-  const std::optional<SpreadShape>& at(int band, int row, int col) const {
+  const std::optional<CellSpread>& at(int band, int row, int col) const {
     return bands[static_cast<std::size_t>(band)]
                 [static_cast<std::size_t>(row / side_px) * static_cast<std::size_t>(cols) +
                  static_cast<std::size_t>(col / side_px)];
