@@ -30,7 +30,7 @@ constexpr Material kMaleMean = material(0.2047, 0.3595, 0.4691, 1.1602, 1.1586, 
 // Jensen et al., "A Practical Model for Subsurface Light Transport" (2001), their table.
 constexpr Material kJensenSkin1 = material(0.032, 0.17, 0.48, 0.74, 0.88, 1.01);
 constexpr Material kJensenSkin2 = material(0.013, 0.070, 0.145, 1.09, 1.59, 1.79);
-constexpr Material kJensenApple = material(0.0030, 0.0034, 0.046, 2.29, 2.39, 1.97);
+constexpr Material kJensenChicken2 = material(0.018, 0.088, 0.20, 0.19, 0.25, 0.32);
 
 constexpr double kBorderHalfWidthMm = 2;
 
@@ -162,7 +162,7 @@ Scene wax_bust() {
                                      std::vector<Patch>{
                                          {forehead, Region::kForehead, kJensenSkin2},
                                          {cheek, Region::kCheek, kJensenSkin2},
-                                         {lips, Region::kLips, kJensenApple},
+                                         {lips, Region::kLips, kJensenChicken2},
                                      })};
 }
 

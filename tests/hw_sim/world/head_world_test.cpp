@@ -8,6 +8,8 @@
 #include <vector>
 
 #include "estimation/session/maps.h"
+#include "hw_sim/world/identity_block.h"
+#include "hw_sim/world/scene.h"
 #include "tests/hw_sim/world/test_rig.h"
 
 namespace hw_sim {
@@ -306,6 +308,88 @@ TEST_F(FaceTruth, InterreflectionOnlyAddsAndIsItsTruth) {
   });
   EXPECT_GT(largest, 0.01);
   EXPECT_LT(largest, 0.3);
+}
+
+class EveryScene : public testing::TestWithParam<std::string> {};
+
+TEST_P(EveryScene, IsSeenLitAndHasItsTruthAndLeavesTheCornerToTheIdentity) {
+  TestRig rig = make_test_rig(49, 36, 8);
+  rig.camera.pixel_format.filter = estimation::ColorFilter::kRgb;
+  const auto world = make_world(rig, scene(GetParam()));
+  ASSERT_TRUE(world);
+  const Image<float> white = world->linear_image(make_picture(rig, estimation::White{}));
+  const ScratchFolder folder("scene");
+  ASSERT_TRUE(world->write_truth(folder.path()));
+  const auto maps = estimation::read_maps(folder.path());
+  const auto extra = estimation::read_exr(folder.path() / "scene.exr");
+  ASSERT_TRUE(maps && extra);
+  int seen = 0;
+  for (int row = 0; row < 36; ++row)
+    for (int col = 0; col < 49; ++col) {
+      const bool is_seen = extra->at("region").at(row, col) > 0;
+      seen += is_seen ? 1 : 0;
+      EXPECT_FALSE(is_seen && col < IdentityBlockLayout::kWidthPx) << row << " " << col;
+      for (int band = 0; band < 3; ++band) {
+        const auto b = static_cast<std::size_t>(band);
+        EXPECT_TRUE(is_seen ? white.at(row, col, band) >= 0 : white.at(row, col, band) == 0);
+        EXPECT_EQ(std::isnan(maps->sigma_a_per_mm[b].at(row, col)), !is_seen);
+        EXPECT_EQ(std::isnan(maps->diffuse_reflectance[b].at(row, col)), !is_seen);
+        if (is_seen && extra->at("lit").at(row, col) > 0) {
+          EXPECT_GT(white.at(row, col, band), 0);
+          EXPECT_FALSE(std::isnan(maps->indirect[b].at(row, col)));
+        }
+      }
+    }
+  if (GetParam() == "empty")
+    EXPECT_EQ(seen, 0);
+  else
+    EXPECT_GT(seen, 300);
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenes, EveryScene, testing::ValuesIn(scene_names()),
+                         [](const auto& each) { return each.param; });
+
+TEST(WaxBust, IsOfJensensMedia) {
+  const auto bust = make_scene("wax_bust");
+  ASSERT_TRUE(bust);
+  const auto at = [&](double x, double y) {
+    return bust->skin->at(Vec3(x, y + 2, 1000)).material.bands;
+  };
+  // design/science.md: sigma_s' | sigma_a; Skin2 on forehead and cheeks, Skin1 between, Chicken2.
+  EXPECT_EQ(at(0, -52)[0], (Scattering{0.013, 1.09}));
+  EXPECT_EQ(at(40, 34)[2], (Scattering{0.145, 1.79}));
+  EXPECT_EQ(at(0, 100)[1], (Scattering{0.17, 0.88}));
+  EXPECT_EQ(at(0, 63)[0], (Scattering{0.018, 0.19}));
+}
+
+TEST(HeadWorld, ALensBendsThePictureAsOpenCvSays) {
+  TestRig rig = make_test_rig(49, 36, 8);
+  rig.calibration.camera.distortion = {-0.4, 0.1, 0.002, -0.003, 0.01};
+  const auto world = make_world(rig, scene("flat_phantom"));
+  const ScratchFolder folder("lens");
+  ASSERT_TRUE(world->write_truth(folder.path()));
+  const auto maps = estimation::read_maps(folder.path());
+  ASSERT_TRUE(maps);
+  const auto& [k1, k2, p1, p2, k3] = rig.calibration.camera.distortion;
+  const auto& K = rig.calibration.camera.K;
+  int seen = 0;
+  double most_bent_px = 0;
+  for (int row = 0; row < 36; ++row)
+    for (int col = 0; col < 49; ++col) {
+      const auto z = static_cast<double>(maps->position_mm[2].at(row, col));
+      if (std::isnan(z)) continue;
+      const double x = static_cast<double>(maps->position_mm[0].at(row, col)) / z;
+      const double y = static_cast<double>(maps->position_mm[1].at(row, col)) / z;
+      const double r2 = x * x + y * y, radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3));
+      const double bent_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x);
+      const double bent_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y;
+      EXPECT_NEAR(K(0, 0) * bent_x + K(0, 2), col, 2e-3);
+      EXPECT_NEAR(K(1, 1) * bent_y + K(1, 2), row, 2e-3);
+      most_bent_px = std::max(most_bent_px, K(0, 0) * std::hypot(bent_x - x, bent_y - y));
+      ++seen;
+    }
+  EXPECT_GT(seen, 500);
+  EXPECT_GT(most_bent_px, 0.05);
 }
 
 TEST(Interreflection, AConvexBodyHasNone) {
