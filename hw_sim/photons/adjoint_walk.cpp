@@ -22,7 +22,7 @@ constexpr double kSafeShare = 0.5;
 constexpr double kPieceMm = 0.3;
 constexpr double kOnSurfaceMm = 1e-6;
 // Optical depth from which the lamp's unscattered light is asked for by chance.
-constexpr double kDeepTau = 1;
+constexpr double kDeepTau = 0.5;
 
 double phase_per_sr(double g, double cosine) {
   const double base = 1 + g * g - 2 * g * cosine;

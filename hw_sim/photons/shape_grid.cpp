@@ -23,9 +23,9 @@ std::size_t GridFrame::node_count() const { return step_z_ * static_cast<std::si
 std::size_t GridFrame::nodes_per_layer() const { return step_z_; }
 
 Vec3 GridFrame::node_mm(std::size_t node) const {
-  return origin_ + cell_mm_ * Vec3(static_cast<double>(node % step_y_),
-                                   static_cast<double>(node % step_z_ / step_y_),
-                                   static_cast<double>(node / step_z_));
+  const std::size_t column = node % step_y_, row = node % step_z_ / step_y_, layer = node / step_z_;
+  return origin_ + cell_mm_ * Vec3(static_cast<double>(column), static_cast<double>(row),
+                                   static_cast<double>(layer));
 }
 
 bool GridFrame::locate(const Vec3& point_mm, Cell& cell) const {

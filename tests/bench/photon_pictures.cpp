@@ -92,8 +92,8 @@ cv::Mat3b sheet_of(const WindowResult& result) {
                                      std::string(bands[band]).append(": surface - photons, +-10%"),
                                      [&](std::size_t i) { return result.profiles[i].level; }));
     lower.push_back(difference_panel(
-        window, band, kSigmaScale,
-        std::string(bands[band]).append(": sigma_a photons/truth, +-50%"), [&](std::size_t i) {
+        window, band, kSigmaScale, std::string(bands[band]).append(": sigma_a, photons, +-50%"),
+        [&](std::size_t i) {
           const Recovered& r = result.from_photons[i];
           return r.is_valid ? r.sigma_a_per_mm / window.pixels[i].scattering.sigma_a_per_mm - 1
                             : std::numeric_limits<double>::quiet_NaN();
@@ -106,20 +106,27 @@ cv::Mat3b sheet_of(const WindowResult& result) {
   return sheet;
 }
 
+void write(Report& report, const std::filesystem::path& file, const cv::Mat& picture) {
+  if (!cv::imwrite(file.string(), picture))
+    report.fail(std::string("cannot write ").append(file.string()));
+}
+
 }  // namespace
 
-void write_pictures(Report& report, const std::vector<WindowResult>& results,
-                    const std::filesystem::path& folder) {
-  const auto write = [&](const std::string& name, const cv::Mat& picture) {
-    const std::string file = (folder / name).string();
-    if (!cv::imwrite(file, picture)) report.fail(std::string("cannot write ").append(file));
-  };
+void write_picture(Report& report, const WindowResult& result,
+                   const std::filesystem::path& folder) {
+  const std::string name =
+      std::string("photon_window_").append(result.window.plan.name).append(".png");
+  write(report, folder / name, sheet_of(result));
+}
+
+void write_sheet(Report& report, const std::vector<WindowResult>& results,
+                 const std::filesystem::path& folder) {
+  if (results.empty()) return;
   std::vector<cv::Mat> sheets;
   int width = 0;
   for (const WindowResult& result : results) {
     sheets.push_back(sheet_of(result));
-    write(std::string("photon_window_").append(result.window.plan.name).append(".png"),
-          sheets.back());
     width = std::max(width, sheets.back().cols);
   }
   for (cv::Mat& sheet : sheets)
@@ -127,7 +134,7 @@ void write_pictures(Report& report, const std::vector<WindowResult>& results,
                        {255, 255, 255});
   cv::Mat all;
   cv::vconcat(sheets, all);
-  write("photon_windows.png", all);
+  write(report, folder / "photon_windows.png", all);
 }
 
 }  // namespace bench

@@ -76,32 +76,33 @@ std::vector<Row> rows_of(const WindowResult& result) {
   return rows;
 }
 
-Table profile_table(const std::vector<WindowResult>& results) {
-  Table table{.name = "photon_windows_profiles",
+Table profile_table(const WindowResult& result) {
+  Table table{.name = std::string("photon_profiles_").append(result.window.plan.name),
               .title = "Stripe profiles: surface less photons, % of the photons' mean",
-              .columns = {"window", "colour", "distance, l_d", "pixels", "level median",
+              .columns = {"window", "colour", "distance, l_d", "pixels", "level mean (se)",
                           "level p95", "its noise p95", "profile median", "profile p95",
                           "its noise median", "profile rms without noise"}};
-  for (const WindowResult& result : results)
-    for (const Row& row : rows_of(result)) {
-      std::vector<double> level, level_se, shape, shape_se;
-      double squares = 0;
-      for (const std::size_t i : row.pixels) {
-        const ProfileDifference& d = result.profiles[i];
-        level.push_back(d.level);
-        level_se.push_back(1.96 * d.level_se);
-        shape.push_back(d.shape);
-        shape_se.push_back(d.shape_se);
-        squares +=
-            (d.shape * d.shape - d.shape_se * d.shape_se) / static_cast<double>(row.pixels.size());
-      }
-      table.rows.push_back({row.window, row.band, row.distance, std::to_string(row.pixels.size()),
-                            percent(quantile(level, 0.5)),
-                            percent(quantile(magnitudes(level), 0.95)),
-                            percent(quantile(level_se, 0.5)), percent(quantile(shape, 0.5)),
-                            percent(quantile(shape, 0.95)), percent(quantile(shape_se, 0.5)),
-                            percent(std::sqrt(std::max(squares, 0.0)))});
+  for (const Row& row : rows_of(result)) {
+    std::vector<double> level, level_se, shape, shape_se;
+    double squares = 0, mean = 0, mean_variance = 0;
+    for (const std::size_t i : row.pixels) {
+      const ProfileDifference& d = result.profiles[i];
+      level.push_back(d.level);
+      mean += d.level / static_cast<double>(row.pixels.size());
+      mean_variance += std::pow(d.level_se / static_cast<double>(row.pixels.size()), 2);
+      level_se.push_back(1.96 * d.level_se);
+      shape.push_back(d.shape);
+      shape_se.push_back(d.shape_se);
+      squares +=
+          (d.shape * d.shape - d.shape_se * d.shape_se) / static_cast<double>(row.pixels.size());
     }
+    table.rows.push_back(
+        {row.window, row.band, row.distance, std::to_string(row.pixels.size()),
+         percent(mean).append(" (").append(percent(std::sqrt(mean_variance))).append(")"),
+         percent(quantile(magnitudes(level), 0.95)), percent(quantile(level_se, 0.5)),
+         percent(quantile(shape, 0.5)), percent(quantile(shape, 0.95)),
+         percent(quantile(shape_se, 0.5)), percent(std::sqrt(std::max(squares, 0.0)))});
+  }
   return table;
 }
 
@@ -129,19 +130,19 @@ Errors errors_of(const WindowResult& result, const Chosen& pixels, const Named& 
   Errors errors;
   for (const std::size_t i : pixels) {
     const Recovered &surface = result.from_surface[i], &photons = result.from_photons[i];
-    const Recovered &one = result.from_halves[0][i], &other = result.from_halves[1][i];
-    if (!surface.is_valid || !photons.is_valid || !one.is_valid || !other.is_valid) continue;
+    const Recovered& half = result.from_half[i];
+    if (!surface.is_valid || !photons.is_valid || !half.is_valid) continue;
     const double truth = quantity.truth(result.window.pixels[i].scattering);
     errors.surface.push_back(quantity.of(surface) / truth - 1);
     errors.photons.push_back(quantity.of(photons) / truth - 1);
-    // The mean of two equal halves scatters by half their difference.
-    errors.noise.push_back((quantity.of(one) - quantity.of(other)) / 2 / truth);
+    // Half of the paths differ from all of them by as much as all of them from the truth.
+    errors.noise.push_back((quantity.of(half) - quantity.of(photons)) / truth);
   }
   return errors;
 }
 
-Table recovered_table(const std::vector<WindowResult>& results) {
-  Table table{.name = "photon_windows_recovered",
+Table recovered_table(const WindowResult& result) {
+  Table table{.name = std::string("photon_recovered_").append(result.window.plan.name),
               .title =
                   "What the estimator recovers: error % against the material where the pixel "
                   "looks; bias is the median, p95 of the magnitude",
@@ -149,27 +150,25 @@ Table recovered_table(const std::vector<WindowResult>& results) {
   for (const Named& quantity : kQuantities)
     for (const char* column : {": surface, bias / p95", ": photons, bias / p95 (noise alone)"})
       table.columns.push_back(std::string(quantity.name).append(column));
-  for (const WindowResult& result : results)
-    for (const Row& row : rows_of(result)) {
-      table.rows.push_back({row.window, row.band, row.distance});
-      for (const Named& quantity : kQuantities) {
-        const Errors e = errors_of(result, row.pixels, quantity);
-        if (&quantity == &kQuantities[0])
-          table.rows.back().push_back(std::to_string(e.surface.size())
-                                          .append("/")
-                                          .append(std::to_string(row.pixels.size())));
-        const auto shown = [](const std::vector<double>& errors) {
-          return percent(quantile(errors, 0.5), 1)
-              .append(" / ")
-              .append(percent(quantile(magnitudes(errors), 0.95), 1));
-        };
-        table.rows.back().push_back(shown(e.surface));
-        table.rows.back().push_back(shown(e.photons)
-                                        .append(" (")
-                                        .append(percent(quantile(magnitudes(e.noise), 0.95), 1))
-                                        .append(")"));
-      }
+  for (const Row& row : rows_of(result)) {
+    table.rows.push_back({row.window, row.band, row.distance});
+    for (const Named& quantity : kQuantities) {
+      const Errors e = errors_of(result, row.pixels, quantity);
+      if (&quantity == &kQuantities[0])
+        table.rows.back().push_back(
+            std::to_string(e.surface.size()).append("/").append(std::to_string(row.pixels.size())));
+      const auto shown = [](const std::vector<double>& errors) {
+        return percent(quantile(errors, 0.5), 1)
+            .append(" / ")
+            .append(percent(quantile(magnitudes(errors), 0.95), 1));
+      };
+      table.rows.back().push_back(shown(e.surface));
+      table.rows.back().push_back(shown(e.photons)
+                                      .append(" (")
+                                      .append(percent(quantile(magnitudes(e.noise), 0.95), 1))
+                                      .append(")"));
     }
+  }
   return table;
 }
 
@@ -238,31 +237,24 @@ WindowResult judge(Window window, const WindowOptions& options) {
   result.profiles = differences(window);
   result.from_surface = recover(window, window.surface, options.thread_count);
   result.from_photons = recover(window, window.photons, options.thread_count);
-  for (std::size_t half = 0; half < 2; ++half)
-    result.from_halves[half] = recover(window, window.halves[half], options.thread_count);
+  result.from_half = recover(window, window.half, options.thread_count);
   result.window = std::move(window);
   return result;
 }
 
-void show_windows(Report& report, const std::vector<WindowResult>& results,
-                  const std::filesystem::path& folder) {
-  if (results.empty()) return;
-  report.text("### Surface against photons in windows of a face");
-  for (const WindowResult& result : results)
-    report.text(std::string(result.window.plan.title)
-                    .append(": ")
-                    .append(std::to_string(result.window.pixels.size()))
-                    .append(" pixels, ")
-                    .append(digits(static_cast<double>(result.window.path_count)))
-                    .append(" paths in ")
-                    .append(digits(result.window.photon_cpu_s))
-                    .append(" s of CPU; the surface way took ")
-                    .append(digits(result.window.surface_wall_s))
-                    .append(" s."));
-  report.table(profile_table(results));
-  report.table(recovered_table(results));
-  for (const WindowResult& result : results) report.table(pixel_table(result), false);
-  write_pictures(report, results, folder);
+void show_window(Report& report, const WindowResult& result, const std::filesystem::path& folder) {
+  const Window& window = result.window;
+  report.text(std::string("### Surface against photons: ").append(window.plan.title));
+  report.text(std::to_string(window.pixels.size())
+                  .append(" pixels, ")
+                  .append(digits(static_cast<double>(window.path_count)))
+                  .append(" paths in ")
+                  .append(digits(window.photon_cpu_s))
+                  .append(" s of CPU."));
+  report.table(profile_table(result));
+  report.table(recovered_table(result));
+  report.table(pixel_table(result), false);
+  write_picture(report, result, folder);
 }
 
 }  // namespace bench

@@ -19,19 +19,20 @@ struct ProfileDifference {
 
 struct WindowResult {
   Window window;
-  std::vector<ProfileDifference> profiles;            // by pixel
-  std::vector<Recovered> from_surface, from_photons;  // by pixel
-  std::array<std::vector<Recovered>, 2> from_halves;
+  std::vector<ProfileDifference> profiles;                       // by pixel
+  std::vector<Recovered> from_surface, from_photons, from_half;  // by pixel
 };
 
 WindowResult judge(Window window, const WindowOptions& options);
 
-// A PNG for each window and one with all, CSVs with every pixel and every bin.
-void show_windows(Report& report, const std::vector<WindowResult>& results,
-                  const std::filesystem::path& folder);
+// Tables, with a CSV of every pixel, and the window's picture.
+void show_window(Report& report, const WindowResult& result, const std::filesystem::path& folder);
 
-// What show_windows draws.
-void write_pictures(Report& report, const std::vector<WindowResult>& results,
-                    const std::filesystem::path& folder);
+// One PNG with all windows, one below the other.
+void write_sheet(Report& report, const std::vector<WindowResult>& results,
+                 const std::filesystem::path& folder);
+
+// What show_window draws.
+void write_picture(Report& report, const WindowResult& result, const std::filesystem::path& folder);
 
 }  // namespace bench

@@ -3,7 +3,6 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <ctime>
@@ -156,24 +155,20 @@ void trace_photons(const hw_sim::Surface& surface, const hw_sim::SkinMap& skin,
   for (const ColumnResponse& response : responses)
     window.level_se.push_back(response.lit_by(mean_stripe).standard_error);
   for (const std::vector<double>& columns : columns_of(window.manifest)) {
-    for (Signals* each :
-         {&window.photons, &window.photons_se, &window.halves[0], &window.halves[1]})
-      each->emplace_back();
+    for (Signals* each : {&window.photons, &window.photons_se, &window.half}) each->emplace_back();
     for (const ColumnResponse& response : responses) {
       const hw_sim::Estimate lit = response.lit_by(columns);
       window.photons.back().push_back(lit.value);
       window.photons_se.back().push_back(lit.standard_error);
-      std::array<double, 2> halves{};
-      for (std::size_t batch = 0; batch < ColumnResponse::kBatches; ++batch)
-        halves[batch % 2] += response.lit_by(columns, batch) * 2 / ColumnResponse::kBatches;
-      for (std::size_t half = 0; half < 2; ++half)
-        window.halves[half].back().push_back(halves[half]);
+      double half = 0;
+      for (std::size_t batch = 0; batch < ColumnResponse::kBatches; batch += 2)
+        half += response.lit_by(columns, batch) * 2 / ColumnResponse::kBatches;
+      window.half.back().push_back(half);
     }
   }
 }
 
 void trace_surface(const WindowOptions& options, Window& window) {
-  const auto begin = std::chrono::steady_clock::now();
   hw_sim::SceneOptions scene;
   scene.name = window.plan.scene;
   scene.scattering = hw_sim::ScatteringModel::kMonteCarlo;
@@ -195,8 +190,6 @@ void trace_surface(const WindowOptions& options, Window& window) {
           static_cast<double>(image.at(pixel.row, pixel.col)) /
           m.calibration.irradiance->signal_per_us[static_cast<std::size_t>(pixel.band)]);
   }
-  window.surface_wall_s =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 }
 
 }  // namespace

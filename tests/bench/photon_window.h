@@ -2,7 +2,6 @@
 // surface's, which the virtual rig uses, and photons through the volume, its judge.
 #pragma once
 
-#include <array>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -21,7 +20,7 @@ struct WindowPlan {
 };
 
 struct WindowOptions {
-  int paths_per_sample = 4096;
+  int paths_per_sample = 2048;
   bool has_indirect = false;          // light that leaves the skin and meets it again
   int photons_per_angle = 1'000'000;  // of the surface way's table
   int thread_count = 2;
@@ -48,9 +47,9 @@ struct Window {
   estimation::Manifest manifest;    // without frames
   std::vector<WindowPixel> pixels;  // that see the subject, in pixel order
   Signals surface, photons, photons_se;
-  std::vector<double> level_se;   // [pixel] of the photons' mean over a period of stripes
-  std::array<Signals, 2> halves;  // of the photons: each its own half of the batches
-  double photon_cpu_s = 0, surface_wall_s = 0;
+  std::vector<double> level_se;  // [pixel] of the photons' mean over a period of stripes
+  Signals half;                  // of the photons: every other batch
+  double photon_cpu_s = 0;
   std::size_t path_count = 0;
 };
 

@@ -29,7 +29,7 @@ int main(int argc, char** argv) {
   std::string folder, cache = hw_sim::default_cache_folder().string();
   std::vector<std::string> only;
   bench::WindowOptions options;
-  int flat_paths = 600'000;
+  int flat_paths = 200'000;
   app.add_option("--out", folder, "Folder for CSV and PNG")->required();
   app.add_option("--only", only, "flat, or windows by name; comma-separated")->delimiter(',');
   app.add_option("--paths", options.paths_per_sample, "Paths a camera pixel")
@@ -47,9 +47,11 @@ int main(int argc, char** argv) {
   if (is_wanted("flat"))
     tbb::task_arena(options.thread_count).execute([&] { bench::show_flat(report, flat_paths); });
   std::vector<bench::WindowResult> results;
-  for (const bench::WindowPlan& plan : kWindows)
-    if (is_wanted(plan.name))
-      results.push_back(bench::judge(bench::measure(plan, options), options));
-  bench::show_windows(report, results, folder);
+  for (const bench::WindowPlan& plan : kWindows) {
+    if (!is_wanted(plan.name)) continue;
+    results.push_back(bench::judge(bench::measure(plan, options), options));
+    bench::show_window(report, results.back(), folder);
+  }
+  bench::write_sheet(report, results, folder);
   return report.has_failed() ? 1 : 0;
 }
