@@ -71,7 +71,10 @@ template <typename DeviceClock>
 HostTime ClockMap<DeviceClock>::to_host(typename DeviceClock::time_point device) const {
   estimation::check(is_ready(), "clock map used before its first sample");
   const double x = to_ns(device - samples_.front().device) - mean_device_ns_;
-  const double host_ns = mean_host_ns_ + x + drift_ * x;
+  // A device may say anything: what lies beyond a century is as good as anything else out there,
+  // and a sum that no time point holds is not defined.
+  constexpr double kFarthest_ns = 4e18;
+  const double host_ns = std::clamp(mean_host_ns_ + x + drift_ * x, -kFarthest_ns, kFarthest_ns);
   return samples_.front().host + std::chrono::duration_cast<HostClock::duration>(
                                      std::chrono::nanoseconds(std::llround(host_ns)));
 }

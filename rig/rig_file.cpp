@@ -17,6 +17,8 @@
 #include <system_error>
 #include <utility>
 
+#include "rig/toml_text.h"
+
 namespace rig {
 namespace {
 
@@ -351,6 +353,8 @@ RigFile read_document(const toml::table& document, const std::filesystem::path& 
 }  // namespace
 
 Result<RigFile> parse_rig_file(std::string_view toml, const std::filesystem::path& path) {
+  if (const std::string objection = objection_to_toml(toml); !objection.empty())
+    return failure(Fault::kConfiguration, path.string() + objection);
   Faults faults(path.string());
   try {
     const toml::table document = toml::parse(toml, std::string_view(path.native()));

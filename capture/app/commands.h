@@ -14,6 +14,7 @@ using Command = std::function<ExitCode()>;
 using Select = std::function<void(Command)>;
 void add_calibrate_command(CLI::App& program, const Select& select);
 void add_capture_command(CLI::App& program, const Select& select);
+void add_doctor_command(CLI::App& program, const Select& select);
 void add_estimate_command(CLI::App& program, const Select& select);
 void add_serve_command(CLI::App& program, const Select& select);
 void add_verify_command(CLI::App& program, const Select& select);

@@ -24,13 +24,15 @@ int main(int argc, char** argv) {
   capture::add_estimate_command(program, select);
   capture::add_verify_command(program, select);
   capture::add_calibrate_command(program, select);
+  capture::add_doctor_command(program, select);
   try {  // CLI11 says everything by exceptions, help too
     program.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return program.exit(error) == 0 ? 0 : static_cast<int>(capture::ExitCode::kUsage);
   }
   if (!command) {
-    capture::complain("name a command: serve, capture, estimate, verify or calibrate; see ssrig --help");
+    capture::complain(
+        "name a command: serve, capture, estimate, verify, calibrate or doctor; see ssrig --help");
     return static_cast<int>(capture::ExitCode::kUsage);
   }
   // A file larger than a limit allows, and a reader of our output that has gone, are errors of

@@ -28,7 +28,18 @@ std::tm utc(std::chrono::system_clock::time_point time) {
   return parts;
 }
 
-Json parse(std::string_view text) { return Json::parse(text, nullptr, false); }
+// Discarded where the text is no JSON, or is nested deeper than a session's reader takes it inside
+// of a session: printing is recursive.
+Json parse(std::string_view text) {
+  constexpr int kDeepestNesting = 60;
+  bool is_too_deep = false;
+  const auto watch = [&](int depth, Json::parse_event_t, Json&) {
+    is_too_deep = is_too_deep || depth > kDeepestNesting;
+    return !is_too_deep;
+  };
+  Json document = Json::parse(text, watch, false);
+  return is_too_deep ? Json(Json::value_t::discarded) : document;
+}
 
 std::string in_line(const Json& value) {
   return value.dump(-1, ' ', false, Json::error_handler_t::replace);
@@ -112,6 +123,11 @@ Result<std::string> format_calibration(std::string_view before, const Calibratio
   if (!document.is_object())
     return tl::unexpected(InputError{InputFault::kInvalid, "", "",
                                      "the older calibration is no JSON object; move it away"});
+  if (document.contains(kRecords) && !document[kRecords].is_object())
+    return tl::unexpected(
+        InputError{InputFault::kInvalid, "", std::string("/").append(kRecords),
+                   "is no object with what each part says of itself; take the key out of the older "
+                   "calibration or move that file away"});
   const Json keys = keys_of(calibration);
   const auto replace = [&](const auto& names) {
     for (const char* name : names) {

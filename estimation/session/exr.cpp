@@ -17,6 +17,7 @@
 #include <thread>
 
 #include "estimation/base/check.h"
+#include "estimation/session/exr_header.h"
 #include "estimation/session/files.h"
 #include "estimation/session/frame_io.h"
 #include "estimation/session/manifest_parts.h"
@@ -45,6 +46,9 @@ class ExrRuntime {
     Imf::setGlobalThreadCount(
         static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1U, kMostThreads)));
     Imf::Header::setMaxImageSize(kLargestSidePx, kLargestSidePx);
+    // Buffers for several tiles are made before the first is read; programs write 32 to 1024 px.
+    constexpr int kLargestTilePx = 2048;
+    Imf::Header::setMaxTileSize(kLargestTilePx, kLargestTilePx);
   }
 };
 
@@ -167,6 +171,9 @@ std::string objection_to_header(const Imf::Header& header, std::uint64_t file_by
 
 // Throws what OpenEXR throws.
 Result<ExrFile> decode(const std::vector<std::byte>& bytes, const std::string& name) {
+  if (const std::string objection = objection_to_exr_headers(bytes); !objection.empty()) {
+    return tl::unexpected(broken_exr(name, objection));
+  }
   MemoryIn in(bytes, name.c_str());
   Imf::InputFile file(in);
   const Imf::Header& header = file.header();

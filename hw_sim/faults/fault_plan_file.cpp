@@ -7,6 +7,7 @@
 #include <system_error>
 
 #include "hw_sim/faults/fault_plan.h"
+#include "rig/toml_text.h"
 
 namespace hw_sim {
 namespace {
@@ -186,6 +187,8 @@ class Reader {
 }  // namespace
 
 rig::Result<FaultPlan> parse_fault_plan(std::string_view toml, const std::filesystem::path& file) {
+  if (const std::string objection = rig::objection_to_toml(toml); !objection.empty())
+    return rig::failure(rig::Fault::kConfiguration, file.string() + objection);
   toml::table document;
   try {
     document = toml::parse(toml, std::string_view(file.native()));

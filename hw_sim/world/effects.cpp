@@ -15,6 +15,8 @@
 #include <system_error>
 #include <variant>
 
+#include "rig/toml_text.h"
+
 namespace hw_sim {
 
 namespace {
@@ -158,6 +160,8 @@ double Effects::blink_frac(double begin_s, double end_s) const {
 }
 
 rig::Result<Effects> parse_effects(std::string_view toml, const std::filesystem::path& file) {
+  if (const std::string objection = rig::objection_to_toml(toml); !objection.empty())
+    return rig::failure(rig::Fault::kConfiguration, file.string() + objection);
   toml::table document;
   try {
     document = toml::parse(toml, std::string_view(file.native()));

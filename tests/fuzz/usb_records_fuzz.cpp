@@ -26,9 +26,11 @@ void read_run(Bytes bytes) {
   if (records->empty()) return;
   rig::ClockMap<rig::BoxClock> clock;
   rig::tb1::RecordReader reader(records->front().run_id);
+  const rig::HostTime host(std::chrono::hours(1));
+  clock.add(rig::tb1::to_time_point(records->front().time_us), host, std::chrono::microseconds(50));
   for (const rig::tb1::Record& record : *records) {
-    const rig::HostTime host(std::chrono::hours(1));
-    clock.add(rig::tb1::to_time_point(record.time_us), host, std::chrono::microseconds(50));
+    if (record.type == rig::tb1::RecordType::kHeartbeat)
+      clock.add(rig::tb1::to_time_point(record.time_us), host, std::chrono::microseconds(50));
     estimation::check(reader.read(record, clock).size() <= 3, "a record is few events");
   }
 }
