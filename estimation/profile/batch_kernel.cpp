@@ -20,6 +20,7 @@
 
 #include "estimation/profile/batch_model-inl.h"
 #include "estimation/profile/batch_normal-inl.h"
+#include "estimation/profile/batch_rescue-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace estimation::HWY_NAMESPACE {
@@ -369,6 +370,9 @@ HWY_INLINE void search(const BatchPlan& plan, const SweepBasis& basis, const Pix
         });
     x = solve(plan, sums, hn::Mul(pixels.level, reflectance.slope));
     active = hn::And(active, x.is_definite);
+    // Plain steps get nowhere with these.
+    if (count >= kPatience)
+      active = hn::And(active, hn::Lt(x.ll, hn::Set(d, kHopelessLogVariance)));
     V longest =
         hn::Max(hn::Set(d, 1.0F), hn::Mul(hn::Abs(x.t), hn::Set(d, 1 / kGreatestLogitStep)));
     longest = hn::Max(longest, hn::Mul(hn::Abs(x.l), hn::Set(d, 1 / kGreatestLogStep)));
@@ -401,6 +405,18 @@ HWY_INLINE void search(const BatchPlan& plan, const SweepBasis& basis, const Pix
   const State best = unbiased<kQuartered>(plan, basis, batch, first, pixels, weights, sums, x,
                                           state, next, ended, harmonics);
   finish(plan, pixels, sums, x, reflectance_at(next.logit).slope, best, ended, out);
+}
+
+// Not inlined: scenes hardly need it.
+template <bool kQuartered>
+HWY_NOINLINE void search_again(const BatchPlan& plan, const SweepBasis& basis,
+                               const PixelBatch& batch, std::size_t first, const Pixels& pixels,
+                               const State& from, M active, Harmonics& harmonics, Outcome& out) {
+  const Rescue found =
+      rescue<kQuartered>(plan, basis, batch, first, pixels, from, active, harmonics);
+  out.is_hidden = hn::Or(out.is_hidden, found.is_hopeless);
+  search<kQuartered, true>(plan, basis, batch, first, pixels, found.state, found.is_near, harmonics,
+                           out);
 }
 
 HWY_INLINE void store(const BatchPlan& plan, const Pixels& pixels, const Start& begun,
@@ -458,6 +474,11 @@ void fit_all_vectors(const BatchPlan& plan, const SweepBasis& basis, const Pixel
       search<true, true>(plan, basis, batch, first, pixels, begun.state, active, harmonics, out);
     else
       search<false, true>(plan, basis, batch, first, pixels, begun.state, active, harmonics, out);
+    const M is_left = hn::AndNot(hn::Or(out.is_valid, out.is_hidden), active);
+    if (!hn::AllFalse(d, is_left) && basis.is_quartered)
+      search_again<true>(plan, basis, batch, first, pixels, begun.state, is_left, harmonics, out);
+    else if (!hn::AllFalse(d, is_left))
+      search_again<false>(plan, basis, batch, first, pixels, begun.state, is_left, harmonics, out);
     store(plan, pixels, begun, out, first, fit);
   }
 }

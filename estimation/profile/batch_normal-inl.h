@@ -29,6 +29,34 @@ HWY_INLINE void clear(Sums& s) {
   s = {zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero};
 }
 
+// Those of `from` where `where`.
+HWY_INLINE void take_sums(M where, const Sums& from, Sums& to) {
+  const auto take = [&](V& sum, V value) HWY_ATTR { sum = hn::IfThenElse(where, value, sum); };
+  take(to.w, from.w);
+  take(to.t, from.t);
+  take(to.l, from.l);
+  take(to.p, from.p);
+  take(to.tt, from.tt);
+  take(to.tl, from.tl);
+  take(to.tp, from.tp);
+  take(to.ll, from.ll);
+  take(to.lp, from.lp);
+  take(to.pp, from.pp);
+  take(to.e, from.e);
+  take(to.et, from.et);
+  take(to.el, from.el);
+  take(to.ep, from.ep);
+  take(to.ee, from.ee);
+}
+
+// With a diagonal larger by this share.
+HWY_INLINE Sums damped(Sums sums, V damping) {
+  sums.tt = hn::MulAdd(damping, sums.tt, sums.tt);
+  sums.ll = hn::MulAdd(damping, sums.ll, sums.ll);
+  sums.pp = hn::MulAdd(damping, sums.pp, sums.pp);
+  return sums;
+}
+
 // To 1e-6 or better: of a weight that is plenty.
 HWY_INLINE V reciprocal(V value) {
   const V guess = hn::ApproximateReciprocal(value);
