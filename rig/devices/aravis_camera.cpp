@@ -680,9 +680,13 @@ Result<void> AravisCamera::Impl::arm(const std::vector<std::chrono::microseconds
   if (acquisition_) return failure(Fault::kBusy, "the camera is armed already; disarm it first");
   if (exposures.empty() || frame_count < 1)
     return failure(Fault::kOutOfRange, "arming needs at least one exposure and one frame");
-  return noting_loss(in_order([&] { return check_exposures(exposures); },
-                              [&] { return set_exposures(exposures); },
-                              [&] { return start_acquisition(frame_count); }));
+  Result<void> armed = noting_loss(in_order([&] { return check_exposures(exposures); },
+                                            [&] { return set_exposures(exposures); },
+                                            [&] { return start_acquisition(frame_count); }));
+  if (armed || armed.error().fault != Fault::kAccessDenied) return armed;
+  // It was ours when it was opened, and nothing that is set here is ever locked while it rests.
+  loss_->report("another program took the control of the camera at " + settings_.address);
+  return tl::unexpected(lost_error());
 }
 
 Result<void> AravisCamera::Impl::check_exposures(

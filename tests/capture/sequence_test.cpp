@@ -271,6 +271,121 @@ TEST_F(SequenceTest, FrameThatDoesNotComeIsRetaken) {
   EXPECT_EQ(kept_.size(), 4U);
 }
 
+// With somebody to open a lost device anew.
+class ReopeningTest : public SequenceTest {
+ protected:
+  ReopeningTest() {
+    SequenceRules patient = rules();
+    patient.reopen_deadline = std::chrono::seconds(10);
+    patient.reopen_limit = 1;
+    sequence_ = Sequence(patient, {0, 1});
+    state_ = sequence_.initial();
+  }
+  void lose(rig::Device device) {
+    tell(rig::DeviceFault{device, {rig::Fault::kDeviceLost, "it is gone"}});
+  }
+  void refuse(rig::Device device) {
+    tell(ReopenRefused{device, {rig::Fault::kNotFound, "nobody answers"}});
+  }
+  std::optional<rig::Device> asked_to_open() const {
+    for (const Action& action : actions_)
+      if (const auto* reopen = std::get_if<Reopen>(&action)) return reopen->device;
+    return std::nullopt;
+  }
+};
+
+TEST_F(ReopeningTest, LostDeviceIsOpenedAndTheOpenSlotsAreTakenInANewRun) {
+  arm();
+  prime();
+  expose();
+  frames();
+  expose();
+  lose(rig::Device::kCamera);
+  EXPECT_EQ(phase(), "reopening");
+  EXPECT_TRUE(did_disarm());
+  EXPECT_EQ(asked_to_open(), rig::Device::kCamera);
+  EXPECT_TRUE(state_.ledger.is_filled(0)) << "confirmed by the second picture";
+  tell(Reopened{rig::Device::kCamera});
+  EXPECT_EQ(phase(), "darkening");
+  EXPECT_THAT(state_.queue, testing::ElementsAre(1));
+}
+
+TEST_F(ReopeningTest, TriesAgainUntilItsTimeIsUpAndThenFailsWithTheDevicesName) {
+  arm();
+  prime();
+  lose(rig::Device::kTrigger);
+  int try_count = 0;
+  while (phase() == "reopening" && ++try_count < 100) {
+    refuse(rig::Device::kTrigger);
+    if (phase() != "reopening") break;
+    EXPECT_FALSE(asked_to_open()) << "at once";
+    time_out();
+    EXPECT_EQ(asked_to_open(), rig::Device::kTrigger);
+  }
+  EXPECT_EQ(try_count, 21);  // every half second of ten
+  EXPECT_EQ(phase(), "blackening");
+  EXPECT_EQ(state_.outcome, Outcome::kFailed);
+  ASSERT_TRUE(state_.failure);
+  EXPECT_EQ(state_.failure->device, rig::Device::kTrigger);
+  EXPECT_THAT(state_.failure->text, testing::HasSubstr("not back within 10 s: nobody answers"));
+}
+
+TEST_F(ReopeningTest, SecondDeviceLostMeanwhileIsOpenedNext) {
+  arm();
+  prime();
+  lose(rig::Device::kCamera);
+  lose(rig::Device::kTrigger);
+  lose(rig::Device::kCamera);  // what it had still to say
+  tell(Reopened{rig::Device::kCamera});
+  EXPECT_EQ(phase(), "reopening");
+  EXPECT_EQ(asked_to_open(), rig::Device::kTrigger);
+  tell(Reopened{rig::Device::kTrigger});
+  EXPECT_EQ(phase(), "darkening");
+  EXPECT_EQ(state_.reopen_count, 1);
+}
+
+TEST_F(ReopeningTest, SoOftenAndNoMore) {
+  arm();
+  lose(rig::Device::kCamera);
+  tell(Reopened{rig::Device::kCamera});
+  arm_again();
+  prime();
+  lose(rig::Device::kCamera);
+  EXPECT_EQ(phase(), "blackening");
+  EXPECT_EQ(state_.outcome, Outcome::kFailed);
+}
+
+TEST_F(ReopeningTest, AbortEndsTheWaiting) {
+  arm();
+  lose(rig::Device::kCamera);
+  refuse(rig::Device::kCamera);
+  tell(AbortRequested{});
+  EXPECT_EQ(phase(), "blackening");
+  EXPECT_EQ(state_.outcome, Outcome::kAborted);
+}
+
+TEST_F(ReopeningTest, WindowWithoutItsServerIsFinal) {
+  arm();
+  prime();
+  lose(rig::Device::kProjector);
+  EXPECT_EQ(phase(), "blackening");
+  EXPECT_EQ(state_.outcome, Outcome::kFailed);
+}
+
+TEST_F(ReopeningTest, FramesThatKeepFailingToComeHaveTheCameraOpenedAnew) {
+  arm();
+  prime();
+  expose();
+  for (int i = 0; phase() != "reopening" && i < 20; ++i) {
+    if (phase() == "showing")
+      expose();
+    else
+      time_out();
+  }
+  ASSERT_EQ(phase(), "reopening");
+  EXPECT_EQ(asked_to_open(), rig::Device::kCamera);
+}
+
 TEST_F(SequenceTest, DisplayThatChangedAfterTheLastPatternTakesItsFramesAlong) {
   arm();
   prime();

@@ -98,7 +98,8 @@ class Soak {
   // False if it hangs.
   bool capture_and_judge(int number) {
     const fs::path out = folder_ / ("out" + std::to_string(number));
-    auto child = start({SSRIG, "capture", "--rig", rig_file(), "--out", out}, "capture.log");
+    const std::string log = "capture" + std::to_string(number) + ".log";
+    auto child = start({SSRIG, "capture", "--rig", rig_file(), "--out", out}, log);
     const auto code = child ? child->wait(rig::HostClock::now() + kCapturePatience) : std::nullopt;
     if (!code) {
       std::printf("capture %d hangs; %s\n", number, folder_.c_str());
@@ -115,8 +116,10 @@ class Soak {
       wrong_frame_count_ += static_cast<int>(session.wrong_frames.size());
       for (const std::string& wrong : session.wrong_frames)
         std::printf("capture %d: %s\n", number, wrong.c_str());
-      if (!is_complete)
-        std::printf("capture %d: %s\n", number, read_text(folder_ / "capture.log").c_str());
+      if (!is_complete) std::printf("capture %d: %s\n", number, read_text(folder_ / log).c_str());
+      if (!is_complete || !session.wrong_frames.empty())
+        fs::copy(entry.path() / "journal.jsonl", folder_ / ("journal" + std::to_string(number)),
+                 none);
     }
     std::fflush(stdout);
     fs::remove_all(out, none);
@@ -156,6 +159,9 @@ int main(int argc, char** argv) {
   std::string name = "/tmp/wsoak.XXXXXX";  // short, for sockets
   if (mkdtemp(name.data()) == nullptr) return 1;
   const int exit_code = Soak(name).run(capture_count, seed);
-  if (exit_code == 0) fs::remove_all(name);
+  if (exit_code == 0)
+    fs::remove_all(name);
+  else
+    std::printf("logs and journals: %s\n", name.c_str());
   return exit_code;
 }
