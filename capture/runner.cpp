@@ -5,7 +5,6 @@
 #include <deque>
 #include <map>
 #include <memory>
-#include <numeric>
 #include <utility>
 
 namespace capture {
@@ -138,9 +137,7 @@ class Runner {
 
 }  // namespace
 
-int retake_count(const SequenceState& state) {
-  return std::accumulate(state.retake_counts.begin(), state.retake_counts.end(), 0);
-}
+int retake_count(const SequenceState& state) { return state.retake_total; }
 
 SequenceRules make_rules(const rig::RigFile& rig_file, double refresh_hz) {
   SequenceRules rules;

@@ -334,6 +334,7 @@ class Turn {
     int& count = state().retake_counts[static_cast<std::size_t>(slot)];
     if (count < rules_.retake_limit) {
       ++count;
+      ++state().retake_total;
       return true;
     }
     // Frames that fail to come again and again: a cable that was pulled too short a time ago for
@@ -388,6 +389,7 @@ class Turn {
 
   void show_next() {
     state().phase = Collecting{};
+    if (ledger().is_primed()) state().retake_counts.front() = 0;
     while (!state().queue.empty() && ledger().is_filled(state().queue.front()))
       state().queue.pop_front();  // its frame came after all, of an earlier showing
     if (!ledger().is_primed()) {

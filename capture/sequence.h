@@ -142,8 +142,11 @@ struct KeepFrame {
 struct SequenceState {
   Phase phase;
   Ledger ledger;
-  std::deque<int> queue{};           // patterns still to show, next first
-  std::vector<int> retake_counts{};  // [pattern + 1]; the first is the priming's
+  std::deque<int> queue{};  // patterns still to show, next first
+  // [pattern + 1], held against the limit. The first is the priming's, since one last succeeded: a
+  // capture may need many, as long as each gets its way.
+  std::vector<int> retake_counts{};
+  int retake_total = 0;
   int restart_count = 0;
   int reopen_count = 0;
   std::uint32_t run_id = 0;  // of the latest arming

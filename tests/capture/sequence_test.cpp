@@ -65,6 +65,11 @@ class SequenceTest : public testing::Test {
     time_out();
     tell(Armed{});
   }
+  void arm_after_a_missing_edge() {
+    swap();
+    time_out();
+    if (phase() == "darkening") arm_again();
+  }
   void swap() {
     wait(milliseconds(16));
     tell(rig::PictureShown{shown_.show_id, now_});
@@ -269,6 +274,19 @@ TEST_F(SequenceTest, FrameThatDoesNotComeIsRetaken) {
   EXPECT_EQ(phase(), "blackening");
   EXPECT_EQ(state_.outcome, Outcome::kComplete);
   EXPECT_EQ(kept_.size(), 4U);
+}
+
+TEST_F(SequenceTest, PrimingsThatGetTheirWayAreNotHeldAgainstTheLimit) {
+  arm();
+  for (int fault = 0; fault < 5; ++fault) {  // the limit is 1
+    prime();
+    EXPECT_EQ(shown_.picture, 0) << fault;
+    state_.retake_counts[1] = 0;  // other patterns' faults, as far as the priming is concerned
+    arm_after_a_missing_edge();
+    arm_after_a_missing_edge();  // of the priming itself
+    ASSERT_NE(phase(), "blackening") << fault;
+  }
+  EXPECT_EQ(state_.retake_total, 10);
 }
 
 // With somebody to open a lost device anew.
