@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <limits>
 #include <random>
 
 namespace {
@@ -129,6 +130,16 @@ TEST(ClockMap, PerfectSamplesAreNoDivisionByZero) {
   const Crystal crystal{0};
   const auto map = map_of(crystal, 1s, [] { return Sample{0ns, 0ns}; });
   EXPECT_NEAR(error_us(map, crystal, 500ms), 0, 1);
+}
+
+// A box may say anything: found by tests/fuzz.
+TEST(ClockMap, ATimeCenturiesAwayIsAHostTimeAllTheSame) {
+  const BoxTime farthest(microseconds(std::numeric_limits<std::int64_t>::max() / 1000));
+  rig::ClockMap<rig::BoxClock> map;
+  map.add(BoxTime(0us), kHostStart, 50us);
+  EXPECT_GT(map.to_host(farthest), kHostStart);
+  map.add(BoxTime(5ms), kHostStart + std::chrono::hours(1), 50us);
+  EXPECT_GT(map.to_host(farthest), kHostStart);
 }
 
 TEST(ClockMap, CameraNanosecondsKeepTheirPrecisionAfterYears) {

@@ -53,6 +53,21 @@ TEST(CalibrationFile, IsReadBackByTheSessionFormatToTheLastBit) {
   EXPECT_FALSE(read->irradiance);
 }
 
+// Found by tests/fuzz.
+TEST(CalibrationFile, AnOlderFileWhoseRecordsAreNoObjectIsRefused) {
+  const auto text = format_calibration(R"({"calibrated": 5})", geometry(),
+                                       {CalibrationPart::kGeometry, R"({"date": "monday"})"});
+  ASSERT_FALSE(text);
+  EXPECT_THAT(text.error().text(), HasSubstr("/calibrated"));
+}
+
+TEST(CalibrationFile, ValuesNestedBeyondAllMeasureAreNoCalibration) {
+  const std::string deep = R"({"x": )" + std::string(100000, '[') + std::string(100000, ']') + "}";
+  EXPECT_THAT(extra_calibration_keys(deep), IsEmpty());
+  EXPECT_FALSE(
+      format_calibration(deep, geometry(), {CalibrationPart::kGeometry, R"({"date": "monday"})"}));
+}
+
 TEST(CalibrationFile, OnePartLeavesTheOtherAndForeignKeysAlone) {
   const auto first = format_calibration(R"({"lens": "80 mm"})", geometry(),
                                         {CalibrationPart::kGeometry, R"({"date": "monday"})"});

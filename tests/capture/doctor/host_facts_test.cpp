@@ -1,0 +1,113 @@
+#include "capture/doctor/host_facts.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <fstream>
+#include <string>
+
+namespace capture {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A host's files in a folder of their own.
+class HostFolder {
+ public:
+  HostFolder()
+      : folder_(fs::path(testing::TempDir()) / ("host_facts_" + std::to_string(::getpid()))) {
+    fs::remove_all(folder_);
+  }
+  ~HostFolder() {
+    std::error_code ignored;
+    fs::remove_all(folder_, ignored);
+  }
+  HostFolder(const HostFolder&) = delete;
+  HostFolder& operator=(const HostFolder&) = delete;
+
+  void put(const std::string& name, const std::string& text) const {
+    fs::create_directories((folder_ / name).parent_path());
+    std::ofstream(folder_ / name) << text;
+  }
+  fs::path path() const { return folder_; }
+  HostPlaces places() const {
+    return {.proc = folder_ / "proc", .sys = folder_ / "sys", .dev = folder_ / "dev"};
+  }
+
+ private:
+  fs::path folder_;
+};
+
+rig::RigFile rig_in(const HostFolder& host) {
+  rig::RigFile file;
+  file.camera.address = "127.43.0.1";
+  file.storage.directory = host.path() / "sessions" / "of" / "today";
+  return file;
+}
+
+TEST(HostFacts, AreReadFromTheKernelsFiles) {
+  const HostFolder host;
+  host.put("proc/sys/net/core/rmem_max", "212992\n");
+  host.put("proc/meminfo", "MemTotal:  16000000 kB\nMemFree: 1 kB\nMemAvailable:  2000 kB\n");
+  host.put("proc/self/status", "Name:\tssrig\nCapEff:\t0000000000800000\n");
+  host.put("sys/class/net/lo/mtu", "65536\n");
+  host.put("sys/class/net/lo/carrier", "1\n");
+  host.put("sys/bus/usb/devices/1-1/idVendor", "1209\n");
+  host.put("sys/bus/usb/devices/1-1/idProduct", "0001\n");
+  host.put("sys/bus/usb/devices/1-1/serial", "A1\n");
+  host.put("sys/bus/usb/devices/1-1/busnum", "1\n");
+  host.put("sys/bus/usb/devices/1-1/devnum", "14\n");
+  host.put("sys/bus/usb/devices/1-2/idVendor", "046d\n");
+  host.put("dev/bus/usb/001/014", "");
+  const HostFacts facts = read_host(rig_in(host), host.places());
+  EXPECT_EQ(facts.receive_buffer_limit_bytes, 212992U);
+  EXPECT_EQ(facts.available_memory_bytes, 2000U * 1024);
+  EXPECT_EQ(facts.realtime_priority_limit, 99);
+  ASSERT_TRUE(facts.camera_interface);
+  EXPECT_EQ(facts.camera_interface->name, "lo");
+  EXPECT_EQ(facts.camera_interface->mtu_bytes, 65536);
+  EXPECT_TRUE(facts.camera_interface->has_carrier);
+  EXPECT_TRUE(facts.camera_interface->is_on_subnet);
+  ASSERT_EQ(facts.trigger_boxes.size(), 1U);
+  EXPECT_EQ(facts.trigger_boxes[0].serial, "A1");
+  EXPECT_EQ(facts.trigger_boxes[0].node, host.path() / "dev/bus/usb/001/014");
+  EXPECT_TRUE(facts.trigger_boxes[0].is_permitted);
+}
+
+TEST(HostFacts, StorageIsTheNearestFolderThatExistsAndNothingIsMade) {
+  const HostFolder host;
+  host.put("sessions/earlier", "");
+  const HostFacts facts = read_host(rig_in(host), host.places());
+  EXPECT_EQ(facts.storage, host.path() / "sessions");
+  EXPECT_TRUE(facts.is_storage_writable);
+  EXPECT_GT(facts.storage_free_bytes.value_or(0), 0U);
+  EXPECT_FALSE(fs::exists(host.path() / "sessions" / "of"));
+}
+
+TEST(HostFacts, WhatCannotBeReadIsUnknown) {
+  const HostFolder host;
+  host.put("proc/sys/net/core/rmem_max", "many\n");
+  host.put("sys/bus/usb/devices/1-1/idVendor", "zzzz\n");
+  rig::RigFile rig_file = rig_in(host);
+  rig_file.camera.address = "Basler-21345678";
+  const HostFacts facts = read_host(rig_file, host.places());
+  EXPECT_FALSE(facts.receive_buffer_limit_bytes);
+  EXPECT_FALSE(facts.available_memory_bytes);
+  EXPECT_FALSE(facts.camera_interface);
+  EXPECT_TRUE(facts.trigger_boxes.empty());
+}
+
+TEST(HostFacts, ABoxThatThisUserMayNotOpenIsSeenAllTheSame) {
+  const HostFolder host;
+  for (const char* id : {"idVendor:1209", "idProduct:0001", "busnum:2", "devnum:3"}) {
+    const std::string text = id;
+    const std::size_t colon = text.find(':');
+    host.put("sys/bus/usb/devices/2-1/" + text.substr(0, colon), text.substr(colon + 1) + "\n");
+  }
+  const HostFacts facts = read_host(rig_in(host), host.places());
+  ASSERT_EQ(facts.trigger_boxes.size(), 1U);
+  EXPECT_FALSE(facts.trigger_boxes[0].is_permitted);
+}
+
+}  // namespace
+}  // namespace capture
