@@ -28,6 +28,8 @@ struct BatchPlan {
   // [node][block] the largest value or first derivative among harmonics from 4 block + 1 on
   const float* sizes = nullptr;
   std::size_t block_count = 0;
+  // Of long even sweeps, else none: the samples of the first step, and every second of the sweep's.
+  const SweepBasis *first = nullptr, *half = nullptr;
   StripeShape shape;
   float projector_black_frac = 0;
   bool is_free = true;

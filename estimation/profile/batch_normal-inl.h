@@ -1,5 +1,5 @@
-// The normal equations of a vector of pixels: summed up sample by sample, and solved. Included once
-// per instruction set by batch_kernel.cpp.
+// The normal equations of a vector of pixels: sums over samples, and their solution.
+// Included once per instruction set by batch_kernel.cpp.
 #if defined(SSRIG_BATCH_NORMAL_INL_H) == defined(HWY_TARGET_TOGGLE)
 #ifdef SSRIG_BATCH_NORMAL_INL_H
 #undef SSRIG_BATCH_NORMAL_INL_H
@@ -11,7 +11,10 @@
 
 #include <cstddef>
 
+#include "estimation/profile/batch_kernel.h"
 #include "estimation/profile/batch_model-inl.h"
+#include "estimation/profile/batch_start-inl.h"
+#include "estimation/profile/batch_vectors-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace estimation::HWY_NAMESPACE {
@@ -57,16 +60,16 @@ HWY_INLINE Sums damped(Sums sums, V damping) {
   return sums;
 }
 
-// To 1e-6 or better: of a weight that is plenty.
-HWY_INLINE V reciprocal(V value) {
-  const V guess = hn::ApproximateReciprocal(value);
-  return hn::Mul(guess, hn::NegMulAdd(value, guess, hn::Set(D(), 2.0F)));
-}
+// All samples of a sweep: as the model has them, and, once they are added up, its weight times the
+// same, the weight itself in the place of the value.
+struct Samples {
+  Sample at[kMostBatchSamples];  // [j]
+};
 
 // One sample: the model's value there with its derivatives, and what was measured (NaN: nothing).
-// Returns its weight.
-template <bool kHasLost>
-HWY_INLINE V add_sample(const NoiseOfPixel& noise, const Sample& model, V measured, Sums& s) {
+// Returns its weight and that times the derivatives.
+template <bool kHasLost, typename Noise>
+HWY_INLINE Sample add_sample(const Noise& noise, const Sample& model, V measured, Sums& s) {
   V w = reciprocal(noise.variance(model.value));
   V residual = hn::Sub(measured, model.value);
   if constexpr (kHasLost) {
@@ -91,37 +94,29 @@ HWY_INLINE V add_sample(const NoiseOfPixel& noise, const Sample& model, V measur
   s.el = hn::MulAdd(we, model.by_log, s.el);
   s.ep = hn::MulAdd(we, model.by_phase, s.ep);
   s.ee = hn::MulAdd(we, residual, s.ee);
-  return w;
+  return {w, wt, wl, wp};
 }
 
-// What a vector of pixels brings along.
-struct Pixels {
-  V position_px;  // less origin and half a stripe, in [0, P)
-  V level;        // f_0 (d + b)
-  V noise_sd;     // of the darkest sample
-  NoiseOfPixel noise;
-  V measured[kMostBatchSamples];  // reflectance factors by j; NaN: lost
-  V present;                      // how many are not
-  M is_usual;                     // nothing for fit_pixel so far
-  bool has_lost;
-};
+// Adds `count` samples up: the model's, and what was measured (NaN: nothing). Apart from what makes
+// the samples, so that the sums stay in registers.
+template <bool kHasLost, typename Noise>
+HWY_NOINLINE void add_samples_of(const Noise& given, const V* measured, std::size_t count,
+                                 Samples& samples, Sums& sums) {
+  const Noise noise = given;
+  Sums s;
+  clear(s);
+  for (std::size_t j = 0; j < count; ++j)
+    samples.at[j] = add_sample<kHasLost>(noise, samples.at[j], measured[j], s);
+  sums = s;
+}
 
-// The unknowns of the search; `mean` is that of the samples, level * (R_d + B).
-struct State {
-  V logit, log, mean, phase_px;
-};
-
-struct Reflectance {
-  V value, slope;  // R_d and dR_d/dt
-};
-
-HWY_INLINE Reflectance reflectance_at(V logit) {
-  const D d;
-  const V one = hn::Set(d, 1.0F);
-  const V decline = hn::Exp(d, hn::Neg(hn::Abs(logit)));
-  const V small = hn::Div(decline, hn::Add(one, decline));  // R_d or 1 - R_d, the lesser
-  const V large = hn::Div(one, hn::Add(one, decline));
-  return {hn::IfThenElse(hn::Lt(logit, hn::Zero(d)), small, large), hn::Mul(small, large)};
+template <bool kHasLost>
+HWY_INLINE void add_samples(const NoiseOfPixel& noise, const V* measured, std::size_t count,
+                            Samples& samples, Sums& sums) {
+  if (noise.count == 2)
+    add_samples_of<kHasLost>(NoiseOfTwo(noise), measured, count, samples, sums);
+  else
+    add_samples_of<kHasLost>(noise, measured, count, samples, sums);
 }
 
 // The normal equations solved without the mean, whose row is eliminated.
@@ -194,7 +189,20 @@ HWY_INLINE Solution solve(const BatchPlan& plan, Sums s, V mean_slope) {
   return x;
 }
 
+// Squared length of a change of (t, ln l, mean, phase) in standard deviations.
+HWY_INLINE V squared_length(const Sums& s, V t, V l, V mean, V p) {
+  const auto times_2 = [](V a, V b) HWY_ATTR { return hn::Mul(hn::Add(a, a), b); };
+  V length = hn::MulAdd(hn::Mul(t, t), s.tt, hn::Mul(hn::Mul(l, l), s.ll));
+  length = hn::MulAdd(hn::Mul(p, p), s.pp, length);
+  length = hn::MulAdd(hn::Mul(mean, mean), s.w, length);
+  const V mixed = hn::MulAdd(l, s.tl, hn::Mul(p, s.tp));
+  length = hn::Add(length, times_2(t, mixed));
+  length = hn::Add(length, times_2(hn::Mul(l, p), s.lp));
+  const V with_mean = hn::MulAdd(t, s.t, hn::MulAdd(l, s.l, hn::Mul(p, s.p)));
+  return hn::Add(length, times_2(mean, with_mean));
+}
+
 }  // namespace estimation::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
-#endif  // SSRIG_BATCH_NORMAL_INL_H
+#endif

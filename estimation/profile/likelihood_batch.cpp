@@ -94,12 +94,22 @@ class BatchFitter::Prepared {
       basis_.reset();
       return;
     }
+    if (basis_->is_quartered && basis_->sample_count >= kFewestOfFirst) {
+      first_.emplace();
+      make_even_basis(kFirstSamples, static_cast<int>(kFirstHarmonics), *first_);
+      if (basis_->sample_count % 8 == 0) {
+        half_.emplace();
+        make_even_basis(basis_->sample_count / 2, harmonic_count, *half_);
+      }
+    }
     start_.emplace(*problem.table, problem.indirect, basis_->second);
     plan_.table = problem.table;
     plan_.block_count = static_cast<std::size_t>(harmonic_count + 3) / 4;
     sizes_ = sizes_of(*problem.table, plan_.block_count);
     plan_.sizes = sizes_.data();
     plan_.start = &*start_;
+    plan_.first = first_ ? &*first_ : nullptr;
+    plan_.half = half_ ? &*half_ : nullptr;
     plan_.shape = problem.shape;
     plan_.projector_black_frac = static_cast<float>(problem.projector_black_frac);
     plan_.is_free = problem.indirect == IndirectLight::kFree;
@@ -128,7 +138,8 @@ class BatchFitter::Prepared {
 
  private:
   FitProblem problem_;
-  std::optional<SweepBasis> basis_;  // of the nominal shifts; none: all is left to fit_pixel
+  std::optional<SweepBasis> basis_;         // of the nominal shifts; none: all is left to fit_pixel
+  std::optional<SweepBasis> first_, half_;  // BatchPlan
   std::optional<StartGrid> start_;
   std::vector<float> sizes_;
   BatchPlan plan_;

@@ -46,6 +46,25 @@ void fill_waves(double angle, std::size_t j, SweepBasis& basis) {
   }
 }
 
+// Waves of all bins, and where harmonics appear.
+void fill_bins(std::span<const double> angles, int harmonic_count, SweepBasis& basis) {
+  const std::size_t count = angles.size();
+  const int samples = static_cast<int>(count);
+  const bool has_first = basis.is_quartered && count >= kFewestOfFirst;
+  const int least = has_first ? static_cast<int>(kFirstHarmonics) : 0;
+  const int bins =
+      basis.is_quartered ? std::min(std::max(harmonic_count, least), samples / 2) : harmonic_count;
+  basis.bin_stride = static_cast<std::size_t>(bins) + 1;
+  for (std::size_t j = 0; j < (basis.is_quartered ? count / 4 + 1 : count); ++j)
+    fill_waves(angles[j], j, basis);
+  for (int n = 0; n <= harmonic_count; ++n) {
+    const auto index = static_cast<std::size_t>(n);
+    const int turn = basis.is_quartered ? n % samples : n;
+    basis.is_mirrored[index] = basis.is_quartered && 2 * turn > samples;
+    basis.bin_of[index] = basis.is_mirrored[index] ? samples - turn : turn;
+  }
+}
+
 void fill_start(std::span<const double> angles, SweepBasis& basis) {
   SmallMatrix<5> normal{};
   const auto row_at = [&](double angle) {
@@ -94,17 +113,17 @@ void make_sweep_basis(const FitProblem& problem, std::span<const float> offset_p
     angles[j] = wave_per_px * (problem.shifts_px[row(j)] + offset - origin_px);
   }
   fill_start(std::span(angles).first(count), basis);
-  const int samples = static_cast<int>(count);
-  const int bins = basis.is_quartered ? std::min(harmonic_count, samples / 2) : harmonic_count;
-  basis.bin_stride = static_cast<std::size_t>(bins) + 1;
-  for (std::size_t j = 0; j < (basis.is_quartered ? count / 4 + 1 : count); ++j)
-    fill_waves(angles[j], j, basis);
-  for (int n = 0; n <= harmonic_count; ++n) {
-    const auto index = static_cast<std::size_t>(n);
-    const int turn = basis.is_quartered ? n % samples : n;
-    basis.is_mirrored[index] = basis.is_quartered && 2 * turn > samples;
-    basis.bin_of[index] = basis.is_mirrored[index] ? samples - turn : turn;
-  }
+  fill_bins(std::span(angles).first(count), harmonic_count, basis);
+}
+
+void make_even_basis(std::size_t sample_count, int harmonic_count, SweepBasis& basis) {
+  check(sample_count % 4 == 0 && sample_count <= kMostBatchSamples, "a quartered sweep");
+  basis.is_quartered = true;
+  basis.sample_count = sample_count;
+  std::array<double, kMostBatchSamples> angles{};
+  for (std::size_t j = 0; j < sample_count; ++j)
+    angles[j] = 2 * std::numbers::pi * static_cast<double>(j) / static_cast<double>(sample_count);
+  fill_bins(std::span(angles).first(sample_count), harmonic_count, basis);
 }
 
 }  // namespace estimation

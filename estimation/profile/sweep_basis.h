@@ -13,6 +13,9 @@ namespace estimation {
 inline constexpr std::size_t kMostBatchSamples = 128;
 inline constexpr std::size_t kMostBatchHarmonics = 64;
 
+// A long sweep's first step takes so many harmonics of the data, as so many samples.
+inline constexpr std::size_t kFirstHarmonics = 12, kFirstSamples = 28, kFewestOfFirst = 32;
+
 // Sample j is r_j = mean + sum_n Re[G_n exp(-i n angle_j)], angle_j = 2 pi (shift_j - origin) / P.
 struct SweepBasis {
   // Evenly spaced over the whole period, their number a multiple of four: sample j, S - j, S/2 - j
@@ -42,5 +45,9 @@ enum class Symmetry { kUsed, kIgnored };
 //   harmonic_count  at most kMostBatchHarmonics; of shifts at most kMostBatchSamples
 void make_sweep_basis(const FitProblem& problem, std::span<const float> offset_px,
                       int harmonic_count, Symmetry symmetry, SweepBasis& basis);
+
+// An even sweep of so many samples, a multiple of four, that begins where a quartered one does: its
+// waves and bins, without rows or a start.
+void make_even_basis(std::size_t sample_count, int harmonic_count, SweepBasis& basis);
 
 }  // namespace estimation
