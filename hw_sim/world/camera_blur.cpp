@@ -34,12 +34,19 @@ std::vector<float> make_taps(double sigma) {
 
 CameraBlur::CameraBlur(estimation::Image<float> blur_px, int pitch_px)
     : blur_px_(std::move(blur_px)), pitch_px_(pitch_px) {
+  const auto step_of = [](float each) {
+    return static_cast<int>(static_cast<double>(each) / kStep_px);
+  };
   const auto [least, greatest] =
       std::minmax_element(blur_px_.samples().begin(), blur_px_.samples().end());
-  first_step_ = static_cast<int>(static_cast<double>(*least) / kStep_px);
-  const int last_step = static_cast<int>(static_cast<double>(*greatest) / kStep_px) + 1;
-  for (int step = first_step_; step <= last_step; ++step)
-    taps_.push_back(make_taps(step * kStep_px / pitch_px));
+  first_step_ = step_of(*least);
+  taps_.resize(static_cast<std::size_t>(step_of(*greatest) - first_step_) + 2);
+  // A wall far out of focus leaves most of the blurs between it and the subject without a pixel.
+  for (const float each : blur_px_.samples())
+    for (const int step : {step_of(each), step_of(each) + 1}) {
+      std::vector<float>& taps = taps_[static_cast<std::size_t>(step - first_step_)];
+      if (taps.empty()) taps = make_taps(step * kStep_px / pitch_px);
+    }
 }
 
 void CameraBlur::apply(estimation::Image<float>& linear) const {
@@ -62,15 +69,17 @@ void CameraBlur::apply_to_lattice(int first_row, int first_col, int channel,
   // Each of the blurs over the whole picture; a pixel takes its part of the two next to its own.
   for (std::size_t level = 0; level < taps_.size(); ++level) {
     const std::vector<float>& taps = taps_[level];
+    if (taps.empty()) continue;
     const int reach = static_cast<int>(taps.size() / 2);
     tbb::parallel_for(0, height, [&](int row) {
-      for (int col = 0; col < width; ++col) {
-        float sum = 0;
-        for (int i = -reach; i <= reach; ++i)
-          sum += taps[static_cast<std::size_t>(i + reach)] *
-                 input.at(row, std::clamp(col + i, 0, width - 1));
-        across.at(row, col) = sum;
-      }
+      std::vector<float> padded(static_cast<std::size_t>(width + 2 * reach));
+      for (int i = 0; i < width + 2 * reach; ++i)
+        padded[static_cast<std::size_t>(i)] = input.at(row, std::clamp(i - reach, 0, width - 1));
+      const auto sums = across.view().row(row);
+      std::fill(sums.begin(), sums.end(), 0.0F);
+      for (std::size_t i = 0; i < taps.size(); ++i)
+        for (std::size_t col = 0; col < sums.size(); ++col)
+          sums[col] += taps[i] * padded[col + taps.size() - 1 - i];
     });
     tbb::parallel_for(0, height, [&](int row) {
       for (int col = 0; col < width; ++col) {

@@ -25,7 +25,7 @@ class CameraBlur {
 
   estimation::Image<float> blur_px_;
   int pitch_px_ = 1;
-  std::vector<std::vector<float>> taps_;  // by blur in steps, from first_step_ on
+  std::vector<std::vector<float>> taps_;  // by blur in steps, from first_step_ on; empty: unused
   int first_step_ = 0;
 };
 
