@@ -86,6 +86,9 @@ class ProgressTeller {
     next.retake_count = retake_count(state);
     const int pattern = state.ledger.showing_pattern();
     next.text = pattern == kPrimePattern ? "arming" : "pattern " + std::to_string(pattern);
+    if (const auto* reopening = std::get_if<Reopening>(&state.phase); reopening != nullptr)
+      next.text =
+          "waiting for the " + std::string(to_string(reopening->lost.front())) + ", which is lost";
     if (next.slots_filled == progress_.slots_filled && next.text == progress_.text &&
         next.retake_count == progress_.retake_count)
       return;

@@ -183,7 +183,11 @@ class Turn {
     auto* reopening = std::get_if<Reopening>(&state().phase);
     if (reopening == nullptr) return;
     std::erase(reopening->lost, reopened.device);
-    if (reopening->lost.empty()) return darken();
+    if (reopening->lost.empty()) {
+      // What the loss spoilt until it was noticed is not the patterns' fault.
+      std::fill(state().retake_counts.begin(), state().retake_counts.end(), 0);
+      return darken();
+    }
     step_.actions.push_back(Reopen{reopening->lost.front()});
   }
 

@@ -402,6 +402,8 @@ TEST_F(ReopeningTest, FramesThatKeepFailingToComeHaveTheCameraOpenedAnew) {
   }
   ASSERT_EQ(phase(), "reopening");
   EXPECT_EQ(asked_to_open(), rig::Device::kCamera);
+  tell(Reopened{rig::Device::kCamera});
+  EXPECT_THAT(state_.retake_counts, testing::Each(0)) << "it was not the patterns' fault";
 }
 
 TEST_F(SequenceTest, DisplayThatChangedAfterTheLastPatternTakesItsFramesAlong) {
