@@ -2,7 +2,7 @@
 // how much of the lamp's light that enters anywhere comes out towards the camera. At each
 // scattering it collects the lamp's light that gets there unscattered, so one path sees the whole
 // neighbourhood. Exact Fresnel boundary; sigma_a, sigma_s and g by place, flights by Woodcock's
-// tracking. Only the light is the estimator's business: no dipole, no table, no flat surface.
+// tracking. No table, no dipole and nothing flat: what those are worth is judged by this.
 #pragma once
 
 #include <optional>

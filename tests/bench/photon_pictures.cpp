@@ -50,7 +50,7 @@ cv::Mat3b titled(const cv::Mat3b& small, const std::string& title) {
   cv::Mat3b large;
   cv::resize(small, large, {}, kZoom, kZoom, cv::INTER_NEAREST);
   cv::copyMakeBorder(large, large, kHeaderPx, 4, 2, 2, cv::BORDER_CONSTANT, {255, 255, 255});
-  cv::putText(large, title, {4, kHeaderPx - 6}, cv::FONT_HERSHEY_SIMPLEX, 0.42, {0, 0, 0}, 1,
+  cv::putText(large, title, {4, kHeaderPx - 6}, cv::FONT_HERSHEY_SIMPLEX, 0.36, {0, 0, 0}, 1,
               cv::LINE_AA);
   return large;
 }

@@ -148,25 +148,32 @@ Table recovered_table(const WindowResult& result) {
                   "looks; bias is the median, p95 of the magnitude",
               .columns = {"window", "colour", "distance, l_d", "fits"}};
   for (const Named& quantity : kQuantities)
-    for (const char* column : {": surface, bias / p95", ": photons, bias / p95 (noise alone)"})
+    for (const char* column :
+         {" by the surface: bias / p95", " by photons: bias (se) / p95 (of noise)"})
       table.columns.push_back(std::string(quantity.name).append(column));
+  const auto p95 = [](const std::vector<double>& errors) {
+    return percent(quantile(magnitudes(errors), 0.95), 1);
+  };
   for (const Row& row : rows_of(result)) {
     table.rows.push_back({row.window, row.band, row.distance});
+    std::vector<std::string>& cells = table.rows.back();
     for (const Named& quantity : kQuantities) {
       const Errors e = errors_of(result, row.pixels, quantity);
       if (&quantity == &kQuantities[0])
-        table.rows.back().push_back(
+        cells.push_back(
             std::to_string(e.surface.size()).append("/").append(std::to_string(row.pixels.size())));
-      const auto shown = [](const std::vector<double>& errors) {
-        return percent(quantile(errors, 0.5), 1)
-            .append(" / ")
-            .append(percent(quantile(magnitudes(errors), 0.95), 1));
-      };
-      table.rows.back().push_back(shown(e.surface));
-      table.rows.back().push_back(shown(e.photons)
-                                      .append(" (")
-                                      .append(percent(quantile(magnitudes(e.noise), 0.95), 1))
-                                      .append(")"));
+      cells.push_back(percent(quantile(e.surface, 0.5), 1).append(" / ").append(p95(e.surface)));
+      // Of the median of so many normal variables.
+      const double se = 1.2533 * quantile(magnitudes(e.noise), 0.5) / 0.6745 /
+                        std::sqrt(static_cast<double>(e.noise.size()));
+      cells.push_back(percent(quantile(e.photons, 0.5), 1)
+                          .append(" (")
+                          .append(percent(se, 1))
+                          .append(") / ")
+                          .append(p95(e.photons))
+                          .append(" (")
+                          .append(p95(e.noise))
+                          .append(")"));
     }
   }
   return table;

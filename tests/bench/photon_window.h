@@ -30,7 +30,6 @@ struct WindowOptions {
 struct WindowPixel {
   int row = 0, col = 0, band = 0;
   hw_sim::Scattering scattering;  // of its band, where it looks
-  hw_sim::Region region = hw_sim::Region::kNone;
   // To the nearest zone of mixed materials, and to the nearest place where surface or light break
   // off: a jump in depth, a shadow's edge; at most kFarMm.
   double border_distance_mm = 0, break_distance_mm = 0;

@@ -2,7 +2,9 @@
 #include <gtest/gtest.h>
 #include <tbb/task_arena.h>
 
+#include <array>
 #include <cmath>
+#include <numbers>
 
 #include "hw_sim/photons/pixel_response.h"
 #include "tests/hw_sim/world/test_rig.h"
@@ -126,6 +128,48 @@ TEST_F(LipWindow, SeesItsSkinAroundItsOwnColumn) {
     EXPECT_NEAR(middle_px / all.value, column_px, 6);
     EXPECT_GT(all.standard_error, 0.01 * all.value);
     EXPECT_LT(all.standard_error, 0.2 * all.value);
+  }
+}
+
+// In a room as bright in all directions, a point shines with what its paths let out again: light
+// collected on its way in, through lips and nostrils as they curve, is light that gets out.
+TEST(Photons, WhatComesInThroughACurvedSurfaceIsWhatGetsOut) {
+  const TestRig rig = make_test_rig(588, 432, 1);
+  auto scene = make_scene("face_female");
+  ASSERT_TRUE(scene);
+  const Surface surface(std::move(scene->shape));
+  const Pinhole eye(rig.calibration.camera, estimation::Mat3::eye(), {0, 0, 0});
+  constexpr std::array<std::array<int, 2>, 3> kPixels = {{{352, 305}, {360, 305}, {303, 284}}};
+  for (const auto& [row, col] : kPixels) {
+    const auto hit = surface.first_hit(eye.ray(col, row));
+    ASSERT_TRUE(hit);
+    const ShapeGrid grid(surface.shape(), box_around(hit->point_mm, 6), 0.25);
+    const auto matter = SkinMatter::bands_of(*scene->skin, grid);
+    const auto start = seen_path(grid, hit->point_mm, -hit->point_mm / cv::norm(hit->point_mm));
+    ASSERT_TRUE(start);
+    std::vector<double> differences;
+    double all_out = 0;
+    std::vector<Deposit> deposits;
+    constexpr int kBatches = 16, kPaths = 1200;
+    for (std::uint64_t batch = 0; batch < kBatches; ++batch) {
+      PhotonRandom random(51 + batch);
+      double in = 0, out = 0;
+      for (int path = 0; path < kPaths; ++path) {
+        const auto from = deflected({0, 0, 1}, 2 * random.uniform() - 1, random);
+        constexpr double kFarMm = 1e6;
+        const Lamp lamp{hit->point_mm + kFarMm * Vec3(from[0], from[1], from[2]), kFarMm * kFarMm};
+        deposits.clear();
+        const PathEnd end = AdjointWalk(grid, matter[1], lamp).trace(*start, random, deposits);
+        out += end.weight * kSkinIndex * kSkinIndex / std::numbers::pi;
+        for (const Deposit& deposit : deposits) in += 4 * deposit.weight;
+      }
+      differences.push_back((in - out) / kPaths);
+      all_out += out / kPaths / kBatches;
+    }
+    const Estimate difference = estimate_of(differences);
+    EXPECT_GT(all_out, 0.1);
+    EXPECT_LT(difference.standard_error, 0.03 * all_out);
+    EXPECT_NEAR(difference.value, 0, 3.5 * difference.standard_error) << "of " << all_out;
   }
 }
 
