@@ -67,6 +67,12 @@ void CameraBlur::apply_to_lattice(int first_row, int first_col, int channel,
   for (int row = 0; row < height; ++row)
     for (int col = 0; col < width; ++col) input.at(row, col) = pixel(row, col);
   // Each of the blurs over the whole picture; a pixel takes its part of the two next to its own.
+  const auto share = [&](int row, int col, std::size_t level) {
+    const double blur_px =
+        static_cast<double>(blur_px_.at(first_row + row * pitch_px_, first_col + col * pitch_px_));
+    const double position = blur_px / kStep_px - first_step_;
+    return static_cast<float>(std::max(0.0, 1 - std::abs(position - static_cast<double>(level))));
+  };
   for (std::size_t level = 0; level < taps_.size(); ++level) {
     const std::vector<float>& taps = taps_[level];
     if (taps.empty()) continue;
@@ -82,19 +88,17 @@ void CameraBlur::apply_to_lattice(int first_row, int first_col, int channel,
           sums[col] += taps[i] * padded[col + taps.size() - 1 - i];
     });
     tbb::parallel_for(0, height, [&](int row) {
-      for (int col = 0; col < width; ++col) {
-        const double position = static_cast<double>(blur_px_.at(first_row + row * pitch_px_,
-                                                                first_col + col * pitch_px_)) /
-                                    kStep_px -
-                                first_step_;
-        const double share = 1 - std::abs(position - static_cast<double>(level));
-        if (!(share > 0)) continue;
-        float sum = 0;
-        for (int i = -reach; i <= reach; ++i)
-          sum += taps[static_cast<std::size_t>(i + reach)] *
-                 across.at(std::clamp(row + i, 0, height - 1), col);
-        output.at(row, col) += static_cast<float>(share) * sum;
+      std::vector<float> shares(static_cast<std::size_t>(width)), sums(shares.size());
+      for (int col = 0; col < width; ++col)
+        shares[static_cast<std::size_t>(col)] = share(row, col, level);
+      if (std::none_of(shares.begin(), shares.end(), [](float each) { return each > 0; })) return;
+      for (int i = -reach; i <= reach; ++i) {
+        const float tap = taps[static_cast<std::size_t>(i + reach)];
+        const float* from = &across.at(std::clamp(row + i, 0, height - 1), 0);
+        for (std::size_t col = 0; col < sums.size(); ++col) sums[col] += tap * from[col];
       }
+      const auto out = output.view().row(row);
+      for (std::size_t col = 0; col < sums.size(); ++col) out[col] += shares[col] * sums[col];
     });
   }
   for (int row = 0; row < height; ++row)
