@@ -115,7 +115,9 @@ Finding check_trigger_box(const HostFacts& host, const rig::TriggerSettings& tri
   Finding finding{Health::kFailure, "trigger box", "", ""};
   std::vector<UsbDevice> boxes = host.trigger_boxes;
   if (!trigger.serial.empty())
-    std::erase_if(boxes, [&](const UsbDevice& box) { return box.serial != trigger.serial; });
+    std::erase_if(boxes, [&](const UsbDevice& box) {
+      return !box.serial.empty() && box.serial != trigger.serial;
+    });
   const std::string name = "trigger box " + usb_id(trigger) +
                            (trigger.serial.empty() ? "" : " with serial " + trigger.serial);
   if (boxes.empty()) {

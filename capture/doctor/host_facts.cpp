@@ -1,13 +1,16 @@
 #include "capture/doctor/host_facts.h"
 
 #include <arpa/inet.h>
+#include <dirent.h>
 #include <ifaddrs.h>
 #include <net/if.h>
+#include <sys/ioctl.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cstring>
 #include <fstream>
@@ -15,6 +18,7 @@
 #include <memory>
 #include <string_view>
 #include <system_error>
+#include <utility>
 
 namespace capture {
 namespace {
@@ -73,6 +77,17 @@ std::optional<in_addr> source_address(in_addr camera) {
   return source.sin_addr;
 }
 
+// 0: unknown.
+int mtu_of(const std::string& interface) {
+  ifreq request{};
+  std::strncpy(request.ifr_name, interface.c_str(), IFNAMSIZ - 1);
+  const int probe = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (probe < 0) return 0;
+  const bool is_known = ::ioctl(probe, SIOCGIFMTU, &request) == 0;
+  ::close(probe);
+  return is_known ? request.ifr_mtu : 0;
+}
+
 in_addr_t address_in(const sockaddr* name) {
   sockaddr_in copy{};
   std::memcpy(&copy, name, sizeof copy);
@@ -95,10 +110,10 @@ std::optional<CameraInterface> find_interface(const std::string& camera_address,
     CameraInterface found{.name = at->ifa_name};
     const in_addr_t mask = at->ifa_netmask == nullptr ? ~in_addr_t{0} : address_in(at->ifa_netmask);
     found.is_on_subnet = (camera->s_addr & mask) == (address_in(at->ifa_addr) & mask);
-    const fs::path facts = sys / "class/net" / found.name;
-    found.has_carrier = value_of(facts / "carrier") == "1";
-    found.mtu_bytes = number_in<int>(value_of(facts / "mtu")).value_or(0);
-    found.speed_mbit = std::max(0, number_in<int>(value_of(facts / "speed")).value_or(0));
+    found.has_carrier = (at->ifa_flags & IFF_RUNNING) != 0;
+    found.mtu_bytes = mtu_of(found.name);
+    const std::string speed = value_of(sys / "class/net" / found.name / "speed");
+    found.speed_mbit = std::max(0, number_in<int>(speed).value_or(0));
     return found;
   }
   return std::nullopt;
@@ -109,18 +124,41 @@ std::string three_digits(int number) {
   return std::string(digits.size() < 3 ? 3 - digits.size() : 0, '0') + digits;
 }
 
+// Empty where there is no such folder. By the calls that libudev makes, so that what simulates
+// sysfs for it (umockdev) is seen here too.
+std::vector<fs::path> entries_of(const fs::path& folder) {
+  std::vector<fs::path> entries;
+  const std::unique_ptr<DIR, int (*)(DIR*)> open(::opendir(folder.c_str()), ::closedir);
+  while (open) {
+    const dirent* entry = ::readdir(open.get());
+    if (entry == nullptr) break;
+    if (entry->d_name[0] != '.') entries.push_back(folder / entry->d_name);
+  }
+  return entries;
+}
+
+using UsbId = std::pair<unsigned, unsigned>;  // vendor, product
+
+// From the device descriptor, as libusb has it; zeros where there is none.
+UsbId usb_id_of(const fs::path& device) {
+  constexpr std::size_t kDescriptor_bytes = 18;
+  std::array<char, kDescriptor_bytes> bytes{};
+  std::ifstream file(device / "descriptors", std::ios::binary);
+  if (!file.read(bytes.data(), bytes.size())) return {0, 0};
+  const auto word_at = [&](std::size_t at) {
+    return static_cast<unsigned char>(bytes[at]) + 256U * static_cast<unsigned char>(bytes[at + 1]);
+  };
+  return {word_at(8), word_at(10)};
+}
+
 std::vector<UsbDevice> find_boxes(const rig::TriggerSettings& trigger, const HostPlaces& places) {
   std::vector<UsbDevice> boxes;
-  std::error_code error;
-  for (const auto& entry : fs::directory_iterator(places.sys / "bus/usb/devices", error)) {
-    const auto id = [&](const char* name) {
-      return number_in<std::uint16_t>(value_of(entry.path() / name), 16);
-    };
-    if (id("idVendor") != trigger.vendor_id || id("idProduct") != trigger.product_id) continue;
+  for (const fs::path& device : entries_of(places.sys / "bus/usb/devices")) {
+    if (usb_id_of(device) != UsbId{trigger.vendor_id, trigger.product_id}) continue;
     const auto number = [&](const char* name) {
-      return three_digits(number_in<int>(value_of(entry.path() / name)).value_or(0));
+      return three_digits(number_in<int>(value_of(device / name)).value_or(0));
     };
-    UsbDevice box{.serial = value_of(entry.path() / "serial"),
+    UsbDevice box{.serial = value_of(device / "serial"),
                   .node = places.dev / "bus/usb" / number("busnum") / number("devnum")};
     box.is_permitted = ::access(box.node.c_str(), R_OK | W_OK) == 0;
     boxes.push_back(std::move(box));

@@ -29,7 +29,7 @@ struct CameraInterface {
 
 // A USB device with the trigger box's vendor and product id.
 struct UsbDevice {
-  std::string serial;
+  std::string serial;          // empty where the kernel has not read it
   std::filesystem::path node;  // "/dev/bus/usb/001/004"
   bool is_permitted = false;   // this user may open it
 };

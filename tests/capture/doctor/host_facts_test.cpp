@@ -45,19 +45,29 @@ rig::RigFile rig_in(const HostFolder& host) {
   return file;
 }
 
+// The first 18 bytes of the file: the device descriptor, little-endian.
+std::string descriptor(unsigned vendor, unsigned product) {
+  std::string bytes(18, '\0');
+  bytes[0] = 18;
+  bytes[1] = 1;
+  bytes[8] = static_cast<char>(vendor & 255U);
+  bytes[9] = static_cast<char>(vendor >> 8U);
+  bytes[10] = static_cast<char>(product & 255U);
+  bytes[11] = static_cast<char>(product >> 8U);
+  return bytes;
+}
+
 TEST(HostFacts, AreReadFromTheKernelsFiles) {
   const HostFolder host;
   host.put("proc/sys/net/core/rmem_max", "212992\n");
   host.put("proc/meminfo", "MemTotal:  16000000 kB\nMemFree: 1 kB\nMemAvailable:  2000 kB\n");
   host.put("proc/self/status", "Name:\tssrig\nCapEff:\t0000000000800000\n");
-  host.put("sys/class/net/lo/mtu", "65536\n");
-  host.put("sys/class/net/lo/carrier", "1\n");
-  host.put("sys/bus/usb/devices/1-1/idVendor", "1209\n");
-  host.put("sys/bus/usb/devices/1-1/idProduct", "0001\n");
+  host.put("sys/class/net/lo/speed", "2500\n");
+  host.put("sys/bus/usb/devices/1-1/descriptors", descriptor(0x1209, 0x0001));
   host.put("sys/bus/usb/devices/1-1/serial", "A1\n");
   host.put("sys/bus/usb/devices/1-1/busnum", "1\n");
   host.put("sys/bus/usb/devices/1-1/devnum", "14\n");
-  host.put("sys/bus/usb/devices/1-2/idVendor", "046d\n");
+  host.put("sys/bus/usb/devices/1-2/descriptors", descriptor(0x046d, 0x0001));
   host.put("dev/bus/usb/001/014", "");
   const HostFacts facts = read_host(rig_in(host), host.places());
   EXPECT_EQ(facts.receive_buffer_limit_bytes, 212992U);
@@ -65,7 +75,8 @@ TEST(HostFacts, AreReadFromTheKernelsFiles) {
   EXPECT_EQ(facts.realtime_priority_limit, 99);
   ASSERT_TRUE(facts.camera_interface);
   EXPECT_EQ(facts.camera_interface->name, "lo");
-  EXPECT_EQ(facts.camera_interface->mtu_bytes, 65536);
+  EXPECT_GT(facts.camera_interface->mtu_bytes, 0);
+  EXPECT_EQ(facts.camera_interface->speed_mbit, 2500);
   EXPECT_TRUE(facts.camera_interface->has_carrier);
   EXPECT_TRUE(facts.camera_interface->is_on_subnet);
   ASSERT_EQ(facts.trigger_boxes.size(), 1U);
@@ -87,7 +98,7 @@ TEST(HostFacts, StorageIsTheNearestFolderThatExistsAndNothingIsMade) {
 TEST(HostFacts, WhatCannotBeReadIsUnknown) {
   const HostFolder host;
   host.put("proc/sys/net/core/rmem_max", "many\n");
-  host.put("sys/bus/usb/devices/1-1/idVendor", "zzzz\n");
+  host.put("sys/bus/usb/devices/1-1/descriptors", "\x12");
   rig::RigFile rig_file = rig_in(host);
   rig_file.camera.address = "Basler-21345678";
   const HostFacts facts = read_host(rig_file, host.places());
@@ -99,11 +110,9 @@ TEST(HostFacts, WhatCannotBeReadIsUnknown) {
 
 TEST(HostFacts, ABoxThatThisUserMayNotOpenIsSeenAllTheSame) {
   const HostFolder host;
-  for (const char* id : {"idVendor:1209", "idProduct:0001", "busnum:2", "devnum:3"}) {
-    const std::string text = id;
-    const std::size_t colon = text.find(':');
-    host.put("sys/bus/usb/devices/2-1/" + text.substr(0, colon), text.substr(colon + 1) + "\n");
-  }
+  host.put("sys/bus/usb/devices/2-1/descriptors", descriptor(0x1209, 0x0001));
+  host.put("sys/bus/usb/devices/2-1/busnum", "2\n");
+  host.put("sys/bus/usb/devices/2-1/devnum", "3\n");
   const HostFacts facts = read_host(rig_in(host), host.places());
   ASSERT_EQ(facts.trigger_boxes.size(), 1U);
   EXPECT_FALSE(facts.trigger_boxes[0].is_permitted);
