@@ -1,13 +1,10 @@
 // Numerical stability: pixels at random over everything that could come in, the same bits for any
 // number of threads, and error against conditioning.
-#include <oneapi/tbb/combinable.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/task_arena.h>
 
 #include <algorithm>
 #include <array>
-#include <bit>
-#include <chrono>
 #include <cmath>
 #include <opencv2/core.hpp>
 #include <optional>
@@ -17,6 +14,7 @@
 #include "tests/bench/figure.h"
 #include "tests/bench/methods.h"
 #include "tests/bench/stress_pixels.h"
+#include "tests/bench/stress_tally.h"
 #include "tests/estimation/profile/likelihood_reference.h"
 
 namespace bench {
@@ -26,83 +24,6 @@ using estimation::BatchFit;
 using estimation::covariance_index;
 using estimation::kUnknowns;
 namespace reference = estimation::testing;
-
-struct Tally {
-  std::uint64_t pixels = 0, valid = 0, not_finite = 0, negative_sigma = 0;
-  std::uint64_t saturated = 0, too_dark = 0, outside = 0, not_identifiable = 0, no_reason = 0;
-  std::uint64_t bits = 0;  // a sum over batches of what all numbers of a batch hash to
-
-  Tally operator+(const Tally& other) const {
-    return {.pixels = pixels + other.pixels,
-            .valid = valid + other.valid,
-            .not_finite = not_finite + other.not_finite,
-            .negative_sigma = negative_sigma + other.negative_sigma,
-            .saturated = saturated + other.saturated,
-            .too_dark = too_dark + other.too_dark,
-            .outside = outside + other.outside,
-            .not_identifiable = not_identifiable + other.not_identifiable,
-            .no_reason = no_reason + other.no_reason,
-            .bits = bits + other.bits};
-  }
-};
-
-// FNV-1a over words.
-std::uint64_t mixed(std::uint64_t hash, std::uint32_t word) {
-  return (hash ^ word) * 0x100000001b3U;
-}
-
-void count_pixel(const BatchFit& fit, std::size_t i, bool is_indirect_free, std::uint64_t& hash,
-                 Tally& tally) {
-  ++tally.pixels;
-  hash = mixed(hash, fit.validity[i]);
-  if (const std::uint32_t reason = fit.validity[i] & estimation::kValidityErrors) {
-    tally.saturated += (reason & estimation::kSaturated) != 0;
-    tally.too_dark += (reason & estimation::kTooDark) != 0;
-    tally.outside += (reason & estimation::kOutsideModel) != 0;
-    tally.not_identifiable += (reason & estimation::kNotIdentifiable) != 0;
-    return;
-  }
-  ++tally.valid;
-  bool is_finite = true;
-  for (const float value : {fit.logit_reflectance[i], fit.log_translucency_px[i], fit.indirect[i],
-                            fit.phase_px[i], fit.reduced_chi_square[i]}) {
-    is_finite = is_finite && std::isfinite(value);
-    hash = mixed(hash, std::bit_cast<std::uint32_t>(value));
-  }
-  for (std::size_t k = 0; k < kUnknowns * (kUnknowns + 1) / 2; ++k) {
-    const float value = fit.covariance[k * fit.stride + i];
-    is_finite = is_finite && std::isfinite(value);
-    hash = mixed(hash, std::bit_cast<std::uint32_t>(value));
-  }
-  tally.not_finite += !is_finite;
-  bool is_positive = true;
-  for (std::size_t unknown = 0; unknown < kUnknowns; ++unknown) {
-    const float variance = fit.covariance[covariance_index(unknown, unknown) * fit.stride + i];
-    is_positive = is_positive && (variance > 0 || (unknown == 2 && !is_indirect_free));
-  }
-  tally.negative_sigma += !is_positive;
-}
-
-Tally stress(const StressPixels& pixels, std::uint64_t batch_count) {
-  struct Local {
-    StressPixels::Buffers buffers;
-    BatchFit fit;
-    Tally tally;
-  };
-  tbb::combinable<Local> locals;
-  tbb::parallel_for(std::uint64_t{0}, batch_count, [&](std::uint64_t batch) {
-    Local& local = locals.local();
-    pixels.fitter(batch).fit(pixels.make(batch, local.buffers), local.fit);
-    const bool is_free = pixels.sweep(batch).indirect == estimation::IndirectLight::kFree;
-    std::uint64_t hash = 0xcbf29ce484222325U ^ batch;
-    for (std::size_t i = 0; i < StressPixels::kCount; ++i)
-      count_pixel(local.fit, i, is_free, hash, local.tally);
-    local.tally.bits += hash;
-  });
-  Tally total;
-  locals.combine_each([&](const Local& local) { total = total + local.tally; });
-  return total;
-}
 
 // Condition of the covariance, scaled to a unit diagonal.
 double condition_of(const std::array<long double, 10>& covariance) {
@@ -120,6 +41,10 @@ double condition_of(const std::array<long double, 10>& covariance) {
   return values[0] / std::max(values[3], 1e-16);
 }
 
+// A projector's stripes are no sharper than an eighth of a pixel: fit_pixel's model, too, ends
+// there.
+constexpr std::size_t kHarmonicsPerPx = 8;
+
 // The same pixel in long double, from the float's result on.
 std::optional<reference::ReferenceFit> reference_of(const estimation::FitProblem& problem,
                                                     const estimation::PixelBatch& data,
@@ -134,6 +59,7 @@ std::optional<reference::ReferenceFit> reference_of(const estimation::FitProblem
   pixel.position_px = static_cast<long double>(data.position_px[i]);
   pixel.full_signal = static_cast<long double>(data.full_signal[i]);
   pixel.noise.assign(problem.noise.begin(), problem.noise.end());
+  pixel.factors.assign(kHarmonicsPerPx * static_cast<std::size_t>(pixel.period_px) + 1, 1);
   return reference_fit(pixel, samples,
                        {.logit = static_cast<long double>(fit.logit_reflectance[i]),
                         .log_translucency_px = static_cast<long double>(fit.log_translucency_px[i]),
@@ -254,10 +180,12 @@ void show_stress(Bench& bench, const StressPixels& pixels) {
   const std::size_t count = bench.stress_count > 0 ? bench.stress_count
                             : bench.is_quick       ? 100'000
                                                    : 10'000'000;
-  const auto start = std::chrono::steady_clock::now();
-  const Tally tally = stress(pixels, (count + StressPixels::kCount - 1) / StressPixels::kCount);
-  const double seconds =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const StressCount counted =
+      stress_with_progress(pixels, (count + StressPixels::kCount - 1) / StressPixels::kCount,
+                           bench.report.folder() / "stress_progress.txt");
+  const StressTally& tally = counted.tally;
+  if (tally.not_finite + tally.negative_sigma > 0)
+    bench.report.fail("A valid pixel is not finite, or a sigma of one is not positive.");
   const auto text = [](std::uint64_t number) { return std::to_string(number); };
   bench.report.table(
       {.name = "stability",
@@ -268,7 +196,7 @@ void show_stress(Bench& bench, const StressPixels& pixels) {
                    "saturated", "too dark", "outside the model", "not identifiable", "seconds"},
        .rows = {{text(tally.pixels), text(tally.valid), text(tally.not_finite),
                  text(tally.negative_sigma), text(tally.saturated), text(tally.too_dark),
-                 text(tally.outside), text(tally.not_identifiable), digits(seconds)}}});
+                 text(tally.outside), text(tally.not_identifiable), digits(counted.seconds)}}});
 }
 
 void show_bits(Bench& bench, const StressPixels& pixels) {
@@ -278,7 +206,7 @@ void show_bits(Bench& bench, const StressPixels& pixels) {
   for (int threads = 1; threads <= 4; ++threads) {
     std::uint64_t bits = 0;
     tbb::task_arena(threads).execute(
-        [&] { bits = stress(pixels, bench.is_quick ? 66 : 440).bits; });
+        [&] { bits = stress(pixels, 0, bench.is_quick ? 66 : 440).bits; });
     is_same = is_same && bits == first.value_or(bits);
     first = bits;
   }

@@ -106,6 +106,7 @@ class Panel {
     draw_levels();
     for (const Series& series : figure_.series) draw_line(series);
     for (const Series& series : figure_.series) draw_marks(series);
+    draw_level_labels();
     for (const Series& series : figure_.series) draw_labels(series);
   }
 
@@ -173,9 +174,20 @@ class Panel {
       if (!is_inside({area_.left, y})) continue;
       scene_.items.push_back(Stroke{{{area_.left, y}, {area_.right, y}}, level.color, 1.5, true});
       const double width = words_width_px(level.label, kTextPx);
-      scene_.items.push_back(Words{level.label, {area_.left + 5, y - 5}, kTextPx, level.color});
       taken_.push_back({area_.left + 5, y - 5 - kTextPx, area_.left + 5 + width, y});
       taken_.push_back({area_.left, y - 2, area_.right, y + 2});
+    }
+  }
+
+  // Over the points, which may be anywhere, on a ground of their own.
+  void draw_level_labels() {
+    for (const Level& level : figure_.levels) {
+      const double y = area_.bottom - y_.place(level.y) * (area_.bottom - area_.top);
+      if (!is_inside({area_.left, y}) || level.label.empty()) continue;
+      const double middle = y - 4 - 0.5 * kTextPx, width = words_width_px(level.label, kTextPx);
+      scene_.items.push_back(Stroke{
+          {{area_.left + 3, middle}, {area_.left + 9 + width, middle}}, kWhite, kTextPx + 4});
+      scene_.items.push_back(Words{level.label, {area_.left + 5, y - 5}, kTextPx, level.color});
     }
   }
 

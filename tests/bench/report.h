@@ -31,6 +31,7 @@ class Report {
   void picture(const std::string& name, const Scene& scene);
   // A result that must not be; the program then ends with an error.
   void fail(const std::string& sentence);
+  const std::filesystem::path& folder() const { return folder_; }
   bool has_failed() const { return has_failed_; }  // or a file could not be written
 
  private:
