@@ -154,6 +154,25 @@ int ambiguous_count(const AxisPlan& plan, const CorrespondenceOptions& options) 
   return count;
 }
 
+// The slack between phases at which most columns are told apart, the usual one where it will do.
+// Returns how many are not.
+int choose_slack(AxisPlan& plan, const CorrespondenceOptions& options) {
+  const auto count_with = [&](double slack_px) {
+    for (FamilySource& source : plan.families) source.chooser.set_slack_px(slack_px);
+    return ambiguous_count(plan, options);
+  };
+  double best_px = PeriodChooser::kUsualSlackPx;
+  int fewest = count_with(best_px);
+  for (const double slack_px : {0.35, 0.15}) {
+    if (fewest == 0 || plan.families.size() < 2) break;
+    const int count = count_with(slack_px);
+    if (count >= fewest) continue;
+    fewest = count;
+    best_px = slack_px;
+  }
+  return count_with(best_px);
+}
+
 // Decides whether the axis can be decoded at all, and says what is missing.
 void judge(const std::string& axis_name, AxisPlan& plan, const CorrespondenceOptions& options,
            std::vector<std::string>& notes) {
@@ -170,7 +189,7 @@ void judge(const std::string& axis_name, AxisPlan& plan, const CorrespondenceOpt
     }
     return;
   }
-  const int ambiguous = ambiguous_count(plan, options);
+  const int ambiguous = choose_slack(plan, options);
   plan.is_decodable = ambiguous < plan.size_px;
   if (ambiguous == 0) return;
   const std::string cause =

@@ -15,8 +15,6 @@ constexpr double kBinsPerPx = 2;
 constexpr double kRampPx = 4;
 // How far a bit's contrast may be from the soft one, as a standard deviation: blur varies.
 constexpr float kModelVariance = 0.35F * 0.35F;
-// Phases of two periods may disagree this much: light that enters obliquely comes out shifted.
-constexpr float kPhaseSlackPx = 0.7F;
 // A phase contradicting by more than 3.5 standard deviations counts as 3.5: it may be the wrong
 // one.
 constexpr float kMaxPhaseCost = 6;
@@ -82,9 +80,9 @@ PeriodChoice PeriodChooser::choose(const PhaseReading& phase, std::span<const Bi
       score[c] += weight * expected[c] * (value - 0.5F * expected[c]);
     }
   }
+  const auto slack_px2 = static_cast<float>(slack_px_ * slack_px_);
   for (const PhaseReading& other : others) {
-    const float variance =
-        other.sd_px * other.sd_px + phase.sd_px * phase.sd_px + kPhaseSlackPx * kPhaseSlackPx;
+    const float variance = other.sd_px * other.sd_px + phase.sd_px * phase.sd_px + slack_px2;
     const float inverse_variance = 0.5F / variance;
     const float inverse_period = 1.0F / other.period_px;
     const auto period_px = static_cast<float>(period_px_);

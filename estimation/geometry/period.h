@@ -35,11 +35,18 @@ class PeriodChooser {
  public:
   PeriodChooser(double period_px, int size_px, std::vector<int> bits);
 
+  // How far phases of two periods may disagree beside their noise, px: light that enters obliquely
+  // comes out shifted. At first kUsualSlackPx; rigs whose periods are beats of one another need
+  // less.
+  static constexpr double kUsualSlackPx = 0.7;
+  void set_slack_px(double slack_px) { slack_px_ = slack_px; }
+
   PeriodChoice choose(const PhaseReading& phase, std::span<const BitReading> bits,
                       std::span<const PhaseReading> others, std::vector<float>& scratch) const;
 
  private:
   double period_px_;
+  double slack_px_ = kUsualSlackPx;
   int bin_count_;        // of the phase, kBinsPerPx a px
   int candidate_count_;  // periods -1 .. candidate_count_ - 2
   std::vector<int> bits_;
