@@ -72,6 +72,7 @@ struct GeometrySection {
 constexpr GeometrySection kGeometrySections[] = {
     {"decoders", "OpenCV's Gray-code decoder", bench::show_gray_decoders},
     {"accuracy", "Correspondence, position, normals", bench::show_geometry_accuracy},
+    {"cost", "Time and memory", bench::show_geometry_cost},
 };
 
 int run_geometry(const std::string& folder, const bench::GeometryOptions& options) {

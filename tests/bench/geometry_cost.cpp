@@ -1,0 +1,109 @@
+#include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/task_arena.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <limits>
+
+#include "estimation/geometry/bend_shift.h"
+#include "tests/bench/geometry_bench.h"
+
+namespace bench {
+namespace {
+
+double least_ms(int repeats, const std::function<void()>& work) {
+  double least = std::numeric_limits<double>::infinity();
+  for (int i = 0; i < repeats; ++i) {
+    const auto begin = std::chrono::steady_clock::now();
+    work();
+    const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - begin;
+    least = std::min(least, took.count());
+  }
+  return least;
+}
+
+// Every sample of every frame once; returned so that nothing is left out.
+std::uint64_t read_bare(const GeometrySession& session) {
+  std::atomic<std::uint64_t> total = 0;
+  tbb::parallel_for(std::size_t{0}, session.frames.size(), [&](std::size_t i) {
+    std::uint64_t sum = 0;
+    for (const std::uint16_t sample : session.frames[i].samples()) sum += sample;
+    total += sum;
+  });
+  return total;
+}
+
+double peak_mb() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_maxrss) / 1024;
+}
+
+double frames_mb(const GeometrySession& session) {
+  std::size_t bytes = 0;
+  for (const auto& frame : session.frames) bytes += frame.samples().size_bytes();
+  return static_cast<double>(bytes) / (1 << 20);
+}
+
+void add_rows(const GeometrySession& session, const GeometryOptions& options, Table& table,
+              Report& report) {
+  const auto& manifest = session.manifest;
+  const double before_mb = peak_mb();
+  std::uint64_t total = 0;
+  const double read_ms = least_ms(options.repeats, [&] { total = read_bare(session); });
+  if (total == 0) report.fail(session.name + ": the frames are black");
+  GeometrySignals signals;
+  const double merge_ms = least_ms(options.repeats, [&] { signals = merge_signals(session); });
+  estimation::Correspondence found, moved;
+  const auto views = signals.views();
+  const double decode_ms = least_ms(options.repeats, [&] {
+    found = estimation::decode_correspondence(views, manifest.projector, signals.options);
+  });
+  estimation::Surface surface;
+  const double surface_ms = least_ms(options.repeats, [&] {
+    surface = estimation::reconstruct_surface(manifest.calibration, manifest.camera,
+                                              manifest.projector, found, {});
+  });
+  const double bent_ms = least_ms(options.repeats, [&] {
+    moved = found;
+    surface = estimation::reconstruct_bent_surface(views, manifest.calibration, manifest.camera,
+                                                   manifest.projector, {}, {}, moved);
+  });
+  const std::array<std::pair<const char*, double>, 6> steps{
+      {{"one bare read of the frames", read_ms},
+       {"merge to signals", merge_ms},
+       {"correspondence", decode_ms},
+       {"surface, once", surface_ms},
+       {"surface, bends corrected (three times)", bent_ms},
+       {"all", merge_ms + decode_ms + bent_ms}}};
+  for (const auto& [name, ms] : steps)
+    table.rows.push_back({session.name, name, digits(ms), digits(ms / read_ms)});
+  report.text(session.name + ": frames " + digits(frames_mb(session), 4) +
+              " MB; peak of the process " + digits(peak_mb(), 4) + " MB, " +
+              digits(peak_mb() - before_mb, 4) +
+              " MB of it signals, correspondence and surface, all at once");
+}
+
+}  // namespace
+
+void show_geometry_cost(const GeometryOptions& options, Report& report) {
+  Table table{"geometry_cost", "Time of the geometry", {"session", "step", "ms", "bare reads"}};
+  for (const auto& folder : options.sessions) {
+    const auto session = read_geometry_session(folder);
+    if (!session) {
+      report.fail(session.error().text());
+      continue;
+    }
+    tbb::task_arena(options.thread_count).execute([&] {
+      add_rows(*session, options, table, report);
+    });
+  }
+  report.table(table);
+}
+
+}  // namespace bench
