@@ -15,6 +15,7 @@
 #include "capture/app/open_rig.h"
 #include "capture/capture_job.h"
 #include "capture/daemon/daemon_client.h"
+#include "capture/doctor/needs.h"
 #include "nlohmann/json.hpp"
 #include "rig/rig_file.h"
 
@@ -147,6 +148,8 @@ CaptureResult capture_once(CaptureArguments arguments) {
     return refusal(ExitCode::kDevice, text);
   }
   std::fprintf(stderr, "%s\n", rig->projector().report().text.c_str());
+  for (const std::string& warning : host_warnings(*rig_file))
+    std::fprintf(stderr, "note: %s\n", warning.c_str());
   if (interrupts.stop().stop_requested())
     return refusal(ExitCode::kAborted, "aborted before the first pattern");
   return drive(*rig, *job, interrupts.stop());

@@ -8,6 +8,7 @@
 #include "capture/app/commands.h"
 #include "capture/app/console.h"
 #include "capture/doctor/doctor.h"
+#include "capture/doctor/needs.h"
 #include "capture/plan.h"
 #include "capture/session_plan.h"
 #include "nlohmann/json.hpp"
@@ -22,31 +23,8 @@ struct DoctorArguments {
   bool is_json = false;
 };
 
-// Of the plan that a capture takes if no other is named.
-rig::Result<CaptureNeeds> needs_of(const rig::RigFile& rig_file) {
-  const auto plan = make_plan("paper", rig_file.projector, rig_file.sequence);
-  if (!plan) return tl::unexpected(plan.error());
-  const auto format = estimation::parse_pixel_format(rig_file.camera.pixel_format);
-  if (!format)
-    return rig::failure(rig::Fault::kConfiguration,
-                        rig_file.path.string() + ": camera.pixel_format \"" +
-                            rig_file.camera.pixel_format + "\" is none that a session can hold");
-  estimation::Manifest manifest;
-  manifest.camera.width_px = rig_file.camera.width_px;
-  manifest.camera.height_px = rig_file.camera.height_px;
-  manifest.camera.pixel_format = *format;
-  manifest.frames.resize(static_cast<std::size_t>(plan->slot_count()));
-  const auto area_px = static_cast<std::uint64_t>(rig_file.camera.width_px) *
-                       static_cast<std::uint64_t>(rig_file.camera.height_px);
-  const int channel_count = estimation::sample_channel_count(format->filter);
-  return CaptureNeeds{.frame_count = plan->slot_count(),
-                      .frame_bytes = area_px * static_cast<std::uint64_t>(channel_count) *
-                                     (format->bit_depth == 8 ? 1U : 2U),
-                      .storage_bytes = needed_bytes(manifest)};
-}
-
 // As a capture reads it before anything else.
-Finding check_calibration(const rig::RigFile& rig_file) {
+HostFinding check_calibration(const rig::RigFile& rig_file) {
   const auto plan = make_plan("paper", rig_file.projector, rig_file.sequence);
   const auto manifest =
       plan_manifest(rig_file, *plan, {.subject = "", .created = std::chrono::system_clock::now()});
@@ -65,11 +43,11 @@ rig::Result<std::vector<MonitorFacts>> monitors() {
   return facts;
 }
 
-void print_json(const std::string& rig_file, const std::vector<Finding>& findings) {
+void print_json(const std::string& rig_file, const std::vector<HostFinding>& findings) {
   nlohmann::ordered_json json{{"rig", rig_file},
                               {"health", to_string(worst_of(findings))},
                               {"findings", nlohmann::ordered_json::array()}};
-  for (const Finding& finding : findings)
+  for (const HostFinding& finding : findings)
     json["findings"].push_back({{"subject", finding.subject},
                                 {"health", to_string(finding.health)},
                                 {"text", finding.text},
@@ -79,8 +57,8 @@ void print_json(const std::string& rig_file, const std::vector<Finding>& finding
               json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace).c_str());
 }
 
-void print_text(const std::vector<Finding>& findings) {
-  for (const Finding& finding : findings) {
+void print_text(const std::vector<HostFinding>& findings) {
+  for (const HostFinding& finding : findings) {
     std::printf("%-8s %-15s %s\n", to_string(finding.health).c_str(), finding.subject.c_str(),
                 finding.text.c_str());
     if (!finding.remedy.empty()) std::printf("%24s -> %s\n", "", finding.remedy.c_str());
@@ -98,7 +76,7 @@ ExitCode diagnose(const DoctorArguments& arguments) {
     complain(needs.error().detail);
     return ExitCode::kUsage;
   }
-  std::vector<Finding> findings = examine(*rig_file, read_host(*rig_file), monitors(), *needs);
+  std::vector<HostFinding> findings = examine(*rig_file, read_host(*rig_file), monitors(), *needs);
   findings.push_back(check_calibration(*rig_file));
   if (arguments.is_json)
     print_json(arguments.rig_file, findings);

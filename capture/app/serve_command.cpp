@@ -14,6 +14,7 @@
 #include "capture/app/open_rig.h"
 #include "capture/capture_job.h"
 #include "capture/daemon/http_server.h"
+#include "capture/doctor/needs.h"
 #include "rig/rig_file.h"
 
 namespace capture {
@@ -92,7 +93,8 @@ class Daemon {
     board_.update([&](DaemonSnapshot& snapshot) {
       snapshot.phase = DaemonPhase::kReady;
       snapshot.message = "Press capture.";
-      snapshot.notes = {rig.projector().report().text};
+      snapshot.notes = host_warnings(rig_file_);
+      snapshot.notes.insert(snapshot.notes.begin(), rig.projector().report().text);
     });
     std::stop_source is_over;
     const std::stop_callback ends(stop, [&] { is_over.request_stop(); });

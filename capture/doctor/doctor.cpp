@@ -25,8 +25,9 @@ std::string usb_id(const rig::TriggerSettings& trigger) {
   return text;
 }
 
-Finding unusable_interface(const CameraInterface& interface, const rig::CameraSettings& camera) {
-  Finding finding{Health::kFailure, "camera network", "", ""};
+HostFinding unusable_interface(const CameraInterface& interface,
+                               const rig::CameraSettings& camera) {
+  HostFinding finding{Health::kFailure, "camera network", "", ""};
   if (!interface.has_carrier) {
     finding.text =
         interface.name + ", which leads to the camera at " + camera.address + ", has no link";
@@ -62,8 +63,8 @@ std::string to_string(Health health) {
   return "failure";
 }
 
-Finding check_receive_buffer(const HostFacts& host, const CaptureNeeds& needs) {
-  Finding finding{Health::kOk, "receive buffer", "", ""};
+HostFinding check_receive_buffer(const HostFacts& host, const CaptureNeeds& needs) {
+  HostFinding finding{Health::kOk, "receive buffer", "", ""};
   const std::uint64_t needed = std::min(needs.frame_bytes, kWantedBuffer_bytes);
   const std::string remedy =
       "sudo sysctl -w net.core.rmem_max=33554432 (for good: echo net.core.rmem_max=33554432 | "
@@ -81,8 +82,8 @@ Finding check_receive_buffer(const HostFacts& host, const CaptureNeeds& needs) {
   return finding;
 }
 
-Finding check_camera_interface(const HostFacts& host, const rig::CameraSettings& camera) {
-  Finding finding{Health::kOk, "camera network", "", ""};
+HostFinding check_camera_interface(const HostFacts& host, const rig::CameraSettings& camera) {
+  HostFinding finding{Health::kOk, "camera network", "", ""};
   if (!host.camera_interface)
     return {Health::kFailure, finding.subject,
             "there is no way to the camera \"" + camera.address + "\" by its IPv4 address",
@@ -111,8 +112,8 @@ Finding check_camera_interface(const HostFacts& host, const rig::CameraSettings&
   return finding;
 }
 
-Finding check_trigger_box(const HostFacts& host, const rig::TriggerSettings& trigger) {
-  Finding finding{Health::kFailure, "trigger box", "", ""};
+HostFinding check_trigger_box(const HostFacts& host, const rig::TriggerSettings& trigger) {
+  HostFinding finding{Health::kFailure, "trigger box", "", ""};
   std::vector<UsbDevice> boxes = host.trigger_boxes;
   if (!trigger.serial.empty())
     std::erase_if(boxes, [&](const UsbDevice& box) {
@@ -139,9 +140,9 @@ Finding check_trigger_box(const HostFacts& host, const rig::TriggerSettings& tri
   return finding;
 }
 
-Finding check_monitor(const rig::Result<std::vector<MonitorFacts>>& monitors,
-                      const rig::ProjectorSettings& projector) {
-  Finding finding{Health::kFailure, "projector", "", ""};
+HostFinding check_monitor(const rig::Result<std::vector<MonitorFacts>>& monitors,
+                          const rig::ProjectorSettings& projector) {
+  HostFinding finding{Health::kFailure, "projector", "", ""};
   if (!monitors)
     return {Health::kFailure, finding.subject, monitors.error().detail,
             "log in at the desktop, or: export DISPLAY=:0"};
@@ -170,9 +171,10 @@ Finding check_monitor(const rig::Result<std::vector<MonitorFacts>>& monitors,
   return finding;
 }
 
-Finding check_storage_space(const HostFacts& host, const CaptureNeeds& needs) {
+HostFinding check_storage_space(const HostFacts& host, const CaptureNeeds& needs) {
   const std::string folder = host.storage.string();
-  Finding finding{Health::kFailure, "storage", "", "choose another folder as storage.directory"};
+  HostFinding finding{Health::kFailure, "storage", "",
+                      "choose another folder as storage.directory"};
   if (!host.is_storage_writable) {
     finding.text = folder + " cannot be written to by this user";
     finding.remedy =
@@ -198,8 +200,8 @@ Finding check_storage_space(const HostFacts& host, const CaptureNeeds& needs) {
   return finding;
 }
 
-Finding check_memory(const HostFacts& host, const CaptureNeeds& needs) {
-  Finding finding{Health::kOk, "memory", "", ""};
+HostFinding check_memory(const HostFacts& host, const CaptureNeeds& needs) {
+  HostFinding finding{Health::kOk, "memory", "", ""};
   if (!host.available_memory_bytes)
     return {Health::kWarning, finding.subject, "the free memory is unknown", "free -m"};
   const std::uint64_t needed =
@@ -214,8 +216,8 @@ Finding check_memory(const HostFacts& host, const CaptureNeeds& needs) {
   return finding;
 }
 
-Finding check_priority(const HostFacts& host) {
-  Finding finding{Health::kOk, "priority", "", ""};
+HostFinding check_priority(const HostFacts& host) {
+  HostFinding finding{Health::kOk, "priority", "", ""};
   if (host.realtime_priority_limit >= kReceiverPriority) {
     finding.text = "the receiver of the camera's packets may go before other programs";
     return finding;
@@ -227,9 +229,9 @@ Finding check_priority(const HostFacts& host) {
   return finding;
 }
 
-std::vector<Finding> examine(const rig::RigFile& rig_file, const HostFacts& host,
-                             const rig::Result<std::vector<MonitorFacts>>& monitors,
-                             const CaptureNeeds& needs) {
+std::vector<HostFinding> examine(const rig::RigFile& rig_file, const HostFacts& host,
+                                 const rig::Result<std::vector<MonitorFacts>>& monitors,
+                                 const CaptureNeeds& needs) {
   return {check_camera_interface(host, rig_file.camera),
           check_receive_buffer(host, needs),
           check_priority(host),
@@ -239,9 +241,9 @@ std::vector<Finding> examine(const rig::RigFile& rig_file, const HostFacts& host
           check_storage_space(host, needs)};
 }
 
-Health worst_of(const std::vector<Finding>& findings) {
+Health worst_of(const std::vector<HostFinding>& findings) {
   Health worst = Health::kOk;
-  for (const Finding& finding : findings) worst = std::max(worst, finding.health);
+  for (const HostFinding& finding : findings) worst = std::max(worst, finding.health);
   return worst;
 }
 

@@ -15,7 +15,7 @@ namespace capture {
 enum class Health { kOk, kWarning, kFailure };
 std::string to_string(Health health);  // "ok", "warning", "failure"
 
-struct Finding {
+struct HostFinding {
   Health health = Health::kOk;
   std::string subject;  // "receive buffer"
   std::string text;     // what was found, and what the rig needs
@@ -38,22 +38,22 @@ struct CaptureNeeds {
 };
 
 // Packets of a frame that come while the receiver is held up wait in the socket's buffer.
-Finding check_receive_buffer(const HostFacts& host, const CaptureNeeds& needs);
-Finding check_camera_interface(const HostFacts& host, const rig::CameraSettings& camera);
-Finding check_trigger_box(const HostFacts& host, const rig::TriggerSettings& trigger);
-Finding check_monitor(const rig::Result<std::vector<MonitorFacts>>& monitors,
-                      const rig::ProjectorSettings& projector);
-Finding check_storage_space(const HostFacts& host, const CaptureNeeds& needs);
-Finding check_memory(const HostFacts& host, const CaptureNeeds& needs);
+HostFinding check_receive_buffer(const HostFacts& host, const CaptureNeeds& needs);
+HostFinding check_camera_interface(const HostFacts& host, const rig::CameraSettings& camera);
+HostFinding check_trigger_box(const HostFacts& host, const rig::TriggerSettings& trigger);
+HostFinding check_monitor(const rig::Result<std::vector<MonitorFacts>>& monitors,
+                          const rig::ProjectorSettings& projector);
+HostFinding check_storage_space(const HostFacts& host, const CaptureNeeds& needs);
+HostFinding check_memory(const HostFacts& host, const CaptureNeeds& needs);
 // Whether the thread that fetches packets may go before others.
-Finding check_priority(const HostFacts& host);
+HostFinding check_priority(const HostFacts& host);
 
 // All of the above.
-std::vector<Finding> examine(const rig::RigFile& rig_file, const HostFacts& host,
-                             const rig::Result<std::vector<MonitorFacts>>& monitors,
-                             const CaptureNeeds& needs);
+std::vector<HostFinding> examine(const rig::RigFile& rig_file, const HostFacts& host,
+                                 const rig::Result<std::vector<MonitorFacts>>& monitors,
+                                 const CaptureNeeds& needs);
 
 // The worst of them.
-Health worst_of(const std::vector<Finding>& findings);
+Health worst_of(const std::vector<HostFinding>& findings);
 
 }  // namespace capture

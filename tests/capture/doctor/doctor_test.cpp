@@ -47,14 +47,14 @@ std::vector<MonitorFacts> monitors() {
 }
 
 auto is(Health health, const char* text, const char* remedy) {
-  return AllOf(Field(&Finding::health, health), Field(&Finding::text, HasSubstr(text)),
-               Field(&Finding::remedy, HasSubstr(remedy)));
+  return AllOf(Field(&HostFinding::health, health), Field(&HostFinding::text, HasSubstr(text)),
+               Field(&HostFinding::remedy, HasSubstr(remedy)));
 }
 
 TEST(Doctor, AHostWithoutFaultNeedsNothing) {
   const auto findings = examine(rig_file(), sound_host(), monitors(), kNeeds);
   EXPECT_EQ(findings.size(), 7U);
-  for (const Finding& finding : findings) {
+  for (const HostFinding& finding : findings) {
     EXPECT_EQ(finding.health, Health::kOk) << finding.subject << ": " << finding.text;
     EXPECT_THAT(finding.remedy, IsEmpty());
     EXPECT_THAT(finding.text, Not(IsEmpty()));

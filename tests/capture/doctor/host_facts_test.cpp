@@ -1,10 +1,13 @@
 #include "capture/doctor/host_facts.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
 #include <fstream>
 #include <string>
+
+#include "capture/doctor/needs.h"
 
 namespace capture {
 namespace {
@@ -116,6 +119,23 @@ TEST(HostFacts, ABoxThatThisUserMayNotOpenIsSeenAllTheSame) {
   const HostFacts facts = read_host(rig_in(host), host.places());
   ASSERT_EQ(facts.trigger_boxes.size(), 1U);
   EXPECT_FALSE(facts.trigger_boxes[0].is_permitted);
+}
+
+// Stock Debian: a capture says what the doctor says.
+TEST(HostWarnings, ACaptureNamesTheSocketLimitAndItsCommand) {
+  const HostFolder host;
+  host.put("proc/sys/net/core/rmem_max", "212992\n");
+  rig::RigFile rig_file = rig_in(host);
+  rig_file.camera.width_px = 2352;
+  rig_file.camera.height_px = 1726;
+  rig_file.camera.pixel_format = "BayerRG12";
+  rig_file.sequence.exposures = {std::chrono::microseconds(1000)};
+  const std::vector<std::string> warnings = host_warnings(rig_file, host.places());
+  ASSERT_EQ(warnings.size(), 1U);
+  EXPECT_THAT(warnings[0], testing::HasSubstr("a frame has 8119104"));
+  EXPECT_THAT(warnings[0], testing::HasSubstr("sysctl -w net.core.rmem_max=33554432"));
+  host.put("proc/sys/net/core/rmem_max", "33554432\n");
+  EXPECT_TRUE(host_warnings(rig_file, host.places()).empty());
 }
 
 }  // namespace
