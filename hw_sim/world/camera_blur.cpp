@@ -11,6 +11,8 @@ namespace hw_sim {
 
 namespace {
 
+std::size_t to_size(int value) { return static_cast<std::size_t>(value); }
+
 constexpr double kStep_px = 0.1;  // between the blurs that are computed; linear between
 
 // Contrast of the Gaussian at every frequency that the lattice holds.
@@ -40,11 +42,11 @@ CameraBlur::CameraBlur(estimation::Image<float> blur_px, int pitch_px)
   const auto [least, greatest] =
       std::minmax_element(blur_px_.samples().begin(), blur_px_.samples().end());
   first_step_ = step_of(*least);
-  taps_.resize(static_cast<std::size_t>(step_of(*greatest) - first_step_) + 2);
+  taps_.resize(to_size(step_of(*greatest) - first_step_) + 2);
   // A wall far out of focus leaves most of the blurs between it and the subject without a pixel.
   for (const float each : blur_px_.samples())
     for (const int step : {step_of(each), step_of(each) + 1}) {
-      std::vector<float>& taps = taps_[static_cast<std::size_t>(step - first_step_)];
+      std::vector<float>& taps = taps_[to_size(step - first_step_)];
       if (taps.empty()) taps = make_taps(step * kStep_px / pitch_px);
     }
 }
@@ -78,7 +80,7 @@ void CameraBlur::apply_to_lattice(int first_row, int first_col, int channel,
     if (taps.empty()) continue;
     const int reach = static_cast<int>(taps.size() / 2);
     tbb::parallel_for(0, height, [&](int row) {
-      std::vector<float> padded(static_cast<std::size_t>(width + 2 * reach));
+      std::vector<float> padded(to_size(width + 2 * reach));
       for (int i = 0; i < width + 2 * reach; ++i)
         padded[static_cast<std::size_t>(i)] = input.at(row, std::clamp(i - reach, 0, width - 1));
       const auto sums = across.view().row(row);
@@ -93,7 +95,7 @@ void CameraBlur::apply_to_lattice(int first_row, int first_col, int channel,
         shares[static_cast<std::size_t>(col)] = share(row, col, level);
       if (std::none_of(shares.begin(), shares.end(), [](float each) { return each > 0; })) return;
       for (int i = -reach; i <= reach; ++i) {
-        const float tap = taps[static_cast<std::size_t>(i + reach)];
+        const float tap = taps[to_size(i + reach)];
         const float* from = &across.at(std::clamp(row + i, 0, height - 1), 0);
         for (std::size_t col = 0; col < sums.size(); ++col) sums[col] += tap * from[col];
       }

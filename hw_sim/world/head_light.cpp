@@ -80,6 +80,11 @@ std::size_t HeadLight::frame_sample_count() const {
          static_cast<std::size_t>(channel_count_);
 }
 
+std::size_t HeadLight::frame_sample(int row, int col, int channel) const {
+  const int sample = (row * camera_.width_px + col) * channel_count_ + channel;
+  return static_cast<std::size_t>(sample);
+}
+
 double HeadLight::lamp_passes(double row_px, double col_px) const {
   return lens_passes(options_.effects.vignetting_frac, row_px, col_px, light_->height_px(),
                      light_->width_px());
@@ -206,10 +211,8 @@ void HeadLight::prepare_slots() {
   for (int row = 0; row < camera_.height_px; ++row)
     for (int col = 0; col < camera_.width_px; ++col)
       for (int channel = 0; channel < channel_count_; ++channel)
-        slots_[static_cast<std::size_t>((row * camera_.width_px + col) * channel_count_ +
-                                        channel)] =
-            static_cast<std::uint32_t>(
-                slots.at(estimation::band_at(camera_, row, col, channel), 0));
+        slots_[frame_sample(row, col, channel)] = static_cast<std::uint32_t>(
+            slots.at(estimation::band_at(camera_, row, col, channel), 0));
   const auto set = [&](std::int32_t sample, double row_px) {
     std::uint32_t& slot = slots_[static_cast<std::size_t>(sample)];
     const auto rows = static_cast<std::uint32_t>(slots.row_count);

@@ -58,6 +58,7 @@ class HeadLight {
   void prepare_slots();
   std::vector<float> reflected(const Picture& picture, const Moment& moment) const;
   std::size_t frame_sample_count() const;
+  std::size_t frame_sample(int row, int col, int channel) const;
   double lamp_passes(double row_px, double col_px) const;
   bool has_wall() const { return options_.effects.backdrop_reflectance_frac > 0; }
 

@@ -116,8 +116,8 @@ void Interreflection::add_backdrop() {
   for (int row = 0; row < kBackdropCells; ++row)
     for (int col = 0; col < kBackdropCells; ++col)
       patches_.push_back(
-          {{(col + 0.5 - kBackdropCells / 2) * kBackdropCellMm,
-            (row + 0.5 - kBackdropCells / 2) * kBackdropCellMm, backdrop_.distance_mm},
+          {{(col + 0.5 - 0.5 * kBackdropCells) * kBackdropCellMm,
+            (row + 0.5 - 0.5 * kBackdropCells) * kBackdropCellMm, backdrop_.distance_mm},
            {0, 0, -1},
            kBackdropCellMm * kBackdropCellMm,
            {reflectance, reflectance, reflectance}});

@@ -8,6 +8,8 @@ namespace hw_sim {
 
 namespace {
 
+std::size_t to_size(int value) { return static_cast<std::size_t>(value); }
+
 double sinc(double x) {
   const double turn = std::numbers::pi * x;
   return std::abs(turn) < 1e-9 ? 1 : std::sin(turn) / turn;
@@ -68,9 +70,8 @@ LitLine LampResponse::lit(const std::vector<unsigned char>& line) const {
     for (int px = 0; px <= last; ++px) {
       double sum = 0;
       for (int i = -reach; i <= reach; ++i)
-        sum +=
-            taps[static_cast<std::size_t>(i + reach)] *
-            static_cast<double>(light(line[static_cast<std::size_t>(std::clamp(px - i, 0, last))]));
+        sum += taps[to_size(i + reach)] *
+               static_cast<double>(light(line[to_size(std::clamp(px - i, 0, last))]));
       level.push_back(static_cast<float>(sum));
     }
   }
