@@ -715,14 +715,14 @@ Result<void> AravisCamera::Impl::set_exposures(
   if (settings_.bracketing == Bracketing::kTriggerWidth)
     return features_.set_text("ExposureMode", "TriggerWidth");
   if (auto timed = set_text_where_present("ExposureMode", "Timed"); !timed) return timed;
-  if (exposures.size() > 1 && chunks_.exposure.empty())
-    return failure(
-        Fault::kUnsupported,
-        at("the camera at ") +
-            " does not say with its frames how long it exposed, so a sequencer out of "
-            "step would go unseen; set camera.bracketing to trigger_width in the rig file");
-  return exposures.size() == 1 ? set_single_exposure(exposures.front())
-                               : program_sequencer(exposures);
+  if (exposures.size() == 1) return set_single_exposure(exposures.front());
+  if (auto programmed = program_sequencer(exposures); !programmed) return programmed;
+  if (!chunks_.exposure.empty()) return {};
+  return failure(
+      Fault::kUnsupported,
+      at("the camera at ") +
+          " does not say with its frames how long it exposed, so a sequencer out of "
+          "step would go unseen; set camera.bracketing to trigger_width in the rig file");
 }
 
 Result<void> AravisCamera::Impl::set_single_exposure(std::chrono::microseconds exposure) {

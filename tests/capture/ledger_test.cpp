@@ -116,6 +116,24 @@ TEST_F(LedgerTest, ToleranceIsLessThanHalfTheWayToTheNextPulse) {
   EXPECT_EQ(incident_of_frame(frames_[1]), Incident::kFrameMistimed);
 }
 
+// A stray pulse's frame that bears the next pulse's number, without chunks and close to it in time.
+TEST_F(LedgerTest, FrameThatIsThereBeforeItsPulseHasEndedIsMistimed) {
+  frames_[1].exposure.reset();
+  frames_[1].timestamp -= microseconds(4400);
+  frames_[1].received -= milliseconds(20);
+  EXPECT_EQ(incident_of_frame(frames_[1]), Incident::kFrameMistimed);
+  EXPECT_TRUE(kept_.empty());
+}
+
+TEST_F(LedgerTest, SlotThatIsEmptiedIsOpenAgain) {
+  EXPECT_EQ(incident_of_frame(frames_[0]), std::nullopt);
+  ASSERT_EQ(ledger_.filled_count(), 1);
+  ledger_.empty({0, 0});
+  ledger_.empty({0, 1});  // was never filled
+  EXPECT_EQ(ledger_.filled_count(), 0);
+  EXPECT_FALSE(ledger_.slots()[0].evidence);
+}
+
 TEST_F(LedgerTest, FrameBeforeItsPulseIsMistimed) {
   frames_[0].received -= milliseconds(200);
   EXPECT_EQ(incident_of_frame(frames_[0]), Incident::kFrameMistimed);

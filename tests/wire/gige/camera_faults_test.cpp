@@ -240,6 +240,20 @@ TEST_F(CameraFaults, RevokedControlIsADeviceFaultOnce) {
   expect(1, 0);
 }
 
+// The driver learns of it at the next heartbeat, or here, when arming is refused.
+TEST_F(CameraFaults, ControlThatIsGoneWhenArmingIsALostCamera) {
+  ASSERT_NO_FATAL_FAILURE(open());
+  faults().is_control_taken = true;
+  faults().is_control_kicked = true;
+  collect(rig::HostClock::now() + milliseconds(60), [] { return false; });
+  const auto armed = camera_->arm(exposures_, 1);
+  ASSERT_FALSE(armed.has_value());
+  EXPECT_EQ(armed.error().fault, rig::Fault::kDeviceLost) << armed.error().detail;
+  const auto second = bench_->open();
+  ASSERT_FALSE(second.has_value());
+  EXPECT_EQ(second.error().fault, rig::Fault::kAccessDenied) << second.error().detail;
+}
+
 TEST_F(CameraFaults, LostPowerIsADeviceFaultAndFramesStay) {
   ASSERT_NO_FATAL_FAILURE(open_and_arm(2));
   pulse(1);

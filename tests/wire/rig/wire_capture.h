@@ -1,0 +1,33 @@
+// One `ssrig capture` against ssrig-sim's scene "ledger" under a plan of faults, in a folder of its
+// own that goes with it.
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "tests/wire/rig/ledger_session.h"
+
+class WireCapture {
+ public:
+  static constexpr int kHangs = -1;  // instead of an exit code
+
+  WireCapture();
+  ~WireCapture();
+  WireCapture(const WireCapture&) = delete;
+  WireCapture& operator=(const WireCapture&) = delete;
+
+  // Into the rig file's [sequence], before run().
+  void set_reopen_deadline(std::chrono::milliseconds time) const;
+  // The exit code; once. `plan` is a plan of faults in TOML.
+  int run(const std::string& plan) const;
+
+  std::string output() const;
+  std::vector<std::filesystem::path> sessions() const;
+  LedgerSession judge(const std::filesystem::path& session) const;
+
+ private:
+  std::filesystem::path rig_file() const { return folder_ / "rig.toml"; }
+  std::filesystem::path folder_;
+};
