@@ -185,8 +185,8 @@ class Panel {
       const double y = area_.bottom - y_.place(level.y) * (area_.bottom - area_.top);
       if (!is_inside({area_.left, y}) || level.label.empty()) continue;
       const double middle = y - 4 - 0.5 * kTextPx, width = words_width_px(level.label, kTextPx);
-      scene_.items.push_back(Stroke{
-          {{area_.left + 3, middle}, {area_.left + 9 + width, middle}}, kWhite, kTextPx + 4});
+      scene_.items.push_back(
+          Stroke{{{area_.left + 12, middle}, {area_.left + width, middle}}, kWhite, kTextPx + 4});
       scene_.items.push_back(Words{level.label, {area_.left + 5, y - 5}, kTextPx, level.color});
     }
   }
