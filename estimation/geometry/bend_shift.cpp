@@ -303,14 +303,16 @@ struct AxisSpread {
   Axis axis = Axis::kColumn;
   SpreadCells spread;
   Image<float> measured_px, measured_sd_px;
+  Image<float> doubt_px;  // what the correction may be wrong by, alike in neighbouring pixels
 };
 
-void take_off(const AxisSpread& from, const BendNodes& bends, const CameraInfo& camera,
+void take_off(AxisSpread& from, const BendNodes& bends, const CameraInfo& camera,
               const BendOptions& options, Image<float>& position_px, Image<float>& sd_px) {
   tbb::parallel_for(0, camera.height_px, [&](int row) {
     for (int col = 0; col < camera.width_px; ++col) {
       position_px.at(row, col) = from.measured_px.at(row, col);
       sd_px.at(row, col) = from.measured_sd_px.at(row, col);
+      from.doubt_px.at(row, col) = 0;
       if (std::isnan(position_px.at(row, col))) continue;
       const auto& spread = from.spread.at(spread_band(camera, row, col), row, col);
       const Bend bend = bends.at(row, col);
@@ -318,8 +320,38 @@ void take_off(const AxisSpread& from, const BendNodes& bends, const CameraInfo& 
       const double off_px = shift_px(bend, spread->shape, from.spread, options.source);
       if (!(std::abs(off_px) < kMostShiftPx)) continue;
       position_px.at(row, col) -= static_cast<float>(off_px);
-      sd_px.at(row, col) =
-          static_cast<float>(std::hypot(double{sd_px.at(row, col)}, options.relative_sd * off_px));
+      const double doubt_px = options.relative_sd * std::abs(off_px);
+      from.doubt_px.at(row, col) = static_cast<float>(doubt_px);
+      sd_px.at(row, col) = static_cast<float>(std::hypot(double{sd_px.at(row, col)}, doubt_px));
+    }
+  });
+}
+
+// Smoothing averages noise away, and not what neighbours share. Of two axes the one that is known
+// better decides on the depth.
+void add_doubt(const Stereo& stereo, std::span<const AxisSpread> axes,
+               const Correspondence& correspondence, Surface& surface) {
+  const auto sd_of = [&](Axis axis, int row, int col) {
+    const Image<float>& sd_px =
+        axis == Axis::kColumn ? correspondence.column_sd_px : correspondence.row_sd_px;
+    return sd_px.at(row, col);
+  };
+  tbb::parallel_for(0, surface.validity.height_px(), [&](int row) {
+    for (int col = 0; col < surface.validity.width_px(); ++col) {
+      float& sd_mm = surface.position_sd_mm.at(row, col);
+      if (std::isnan(sd_mm)) continue;
+      const AxisSpread* from = &axes.front();
+      if (axes.size() > 1 && sd_of(axes[1].axis, row, col) < sd_of(from->axis, row, col))
+        from = &axes[1];
+      const Vec3 here_mm = vector_at(surface.position_mm, row, col);
+      const auto lit = stereo.project(here_mm);
+      const double doubt_px = double{from->doubt_px.at(row, col)};
+      if (!lit || !(doubt_px > 0)) continue;
+      const Vec3 gradient = from->axis == Axis::kColumn ? lit->column_gradient_px_per_mm
+                                                        : lit->row_gradient_px_per_mm;
+      const double px_per_mm = std::abs(gradient.dot(here_mm)) / cv::norm(here_mm);
+      if (px_per_mm > 0)
+        sd_mm = static_cast<float>(std::hypot(double{sd_mm}, doubt_px / px_per_mm));
     }
   });
 }
@@ -349,12 +381,13 @@ Surface reconstruct_bent_surface(std::span<const PatternSignal> signals,
     auto spread = spread_of(signals, axis, camera, side_px);
     if (!spread) continue;
     axes.push_back({axis, std::move(*spread), position_px,
-                    is_column ? correspondence.column_sd_px : correspondence.row_sd_px});
+                    is_column ? correspondence.column_sd_px : correspondence.row_sd_px,
+                    Image<float>(camera.height_px, camera.width_px)});
   }
   if (axes.empty()) return surface;
   for (int pass = 0; pass < bend_options.pass_count; ++pass) {
     bool is_moved = false;
-    for (const AxisSpread& from : axes) {
+    for (AxisSpread& from : axes) {
       const bool is_column = from.axis == Axis::kColumn;
       const BendNodes bends = bends_of(stereo, surface, from.axis, radius_px, side_px);
       if (shown_share(bends, from.spread) < kLeastShownShare) continue;
@@ -366,6 +399,7 @@ Surface reconstruct_bent_surface(std::span<const PatternSignal> signals,
     if (!is_moved) break;
     surface = reconstruct();
   }
+  add_doubt(stereo, axes, correspondence, surface);
   return surface;
 }
 

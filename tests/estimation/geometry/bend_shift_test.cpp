@@ -144,7 +144,7 @@ Sweep sweep_of(const SyntheticRig& rig, double spread_mm) {
 }
 
 struct Errors {
-  double rms_px = 0, pull_rms = 0, position_rms_mm = 0;
+  double rms_px = 0, pull_rms = 0, position_rms_mm = 0, position_pull_rms = 0;
 };
 
 // More than six pixels from the picture's border.
@@ -152,7 +152,7 @@ Errors errors_of(const SyntheticRig& rig, const Sweep& sweep, const Corresponden
                  const Surface& surface) {
   constexpr int kBorder = 6;
   const Ball ball(rig);
-  double squares = 0, pulls = 0, positions = 0;
+  double squares = 0, pulls = 0, positions = 0, position_pulls = 0;
   int count = 0;
   for (int row = kBorder; row < rig.camera.height_px - kBorder; ++row)
     for (int col = kBorder; col < rig.camera.width_px - kBorder; ++col) {
@@ -164,9 +164,12 @@ Errors errors_of(const SyntheticRig& rig, const Sweep& sweep, const Corresponden
       squares += error_px * error_px;
       pulls += std::pow(error_px / double{found.column_sd_px.at(row, col)}, 2);
       positions += off_mm.dot(off_mm);
+      position_pulls +=
+          off_mm.dot(off_mm) / std::pow(double{surface.position_sd_mm.at(row, col)}, 2);
       ++count;
     }
-  return {std::sqrt(squares / count), std::sqrt(pulls / count), std::sqrt(positions / count)};
+  return {std::sqrt(squares / count), std::sqrt(pulls / count), std::sqrt(positions / count),
+          std::sqrt(position_pulls / count)};
 }
 
 TEST(BendShift, OfAScatteringBallIsTakenOff) {
@@ -178,13 +181,12 @@ TEST(BendShift, OfAScatteringBallIsTakenOff) {
   const Surface surface = reconstruct_bent_surface(sweep.signals(), rig.calibration, rig.camera,
                                                    rig.projector, {}, {}, found);
   const Errors after = errors_of(rig, sweep, found, surface);
-  std::printf("column %.4f to %.4f px, pull %.2f to %.2f, position %.4f to %.4f mm\n",
-              before.rms_px, after.rms_px, before.pull_rms, after.pull_rms, before.position_rms_mm,
-              after.position_rms_mm);
   EXPECT_GT(before.rms_px, 0.08);
   EXPECT_LT(after.rms_px, before.rms_px / 4);
   EXPECT_LT(after.position_rms_mm, before.position_rms_mm / 4);
   EXPECT_LT(after.pull_rms, 1.2);
+  EXPECT_GT(before.position_pull_rms, 10);
+  EXPECT_LT(after.position_pull_rms, 1.2);
 }
 
 TEST(BendShift, LightThatStaysWhereItFallsIsLeftAlone) {
