@@ -108,8 +108,11 @@ enum TiffTag : std::uint64_t {
   kStripOffsets = 273,
   kOrientation = 274,
   kSamplesPerPixel = 277,
+  kRowsPerStrip = 278,
   kStripByteCounts = 279,
   kPlanarConfiguration = 284,
+  kTileWidth = 322,
+  kTileLength = 323,
   kTileOffsets = 324,
   kTileByteCounts = 325,
   kSampleFormat = 339,
@@ -174,6 +177,23 @@ class TiffDirectory {
   std::map<std::uint64_t, std::vector<std::uint64_t>> tags_;
 };
 
+// Strips and tiles far larger than the image: OpenCV allocates one whole.
+std::string objection_to_parts(const TiffDirectory& tiff) {
+  constexpr std::uint64_t kLargestPart = 4096;
+  constexpr std::uint64_t kAllRows = 0xFFFFFFFF;  // the format's default
+  const std::uint64_t most_columns = std::max(tiff.value(kImageWidth, 0), kLargestPart);
+  const std::uint64_t most_rows = std::max(tiff.value(kImageLength, 0), kLargestPart);
+  const std::uint64_t strip_rows = tiff.value(kRowsPerStrip, kAllRows);
+  if (strip_rows != kAllRows && strip_rows > most_rows) {
+    return "strips of " + std::to_string(strip_rows) + " rows";
+  }
+  if (tiff.value(kTileWidth, 0) > most_columns || tiff.value(kTileLength, 0) > most_rows) {
+    return "tiles of " + std::to_string(tiff.value(kTileWidth, 0)) + " x " +
+           std::to_string(tiff.value(kTileLength, 0)) + " px";
+  }
+  return {};
+}
+
 // Why this kind of TIFF is refused; "" if it is not.
 std::string objection_to_kind(const TiffDirectory& tiff) {
   constexpr std::array<std::uint64_t, 5> kLossless{1, 5, 8, 32773, 32946};
@@ -197,7 +217,7 @@ std::string objection_to_kind(const TiffDirectory& tiff) {
     return "orientation " + std::to_string(tiff.value(kOrientation, 1));
   }
   if (channels == 3 && tiff.value(kPlanarConfiguration, 1) != 1) return "separate colour planes";
-  return {};
+  return objection_to_parts(tiff);
 }
 
 // Whether every strip or tile lies in the file, and uncompressed strips hold all their rows.

@@ -353,6 +353,17 @@ TEST(FrameIo, TiffTagsThatWouldBeMisreadAreRefused) {
   }
 }
 
+// OpenCV makes room for a whole strip: found by tests/fuzz.
+TEST(FrameIo, AStripOfFarMoreRowsThanTheFrameIsRefused) {
+  const Image<std::uint16_t> frame = random_frame({ColorFilter::kMono, 16}, 15);
+  auto tiff = encode_frame_tiff(frame.view(), 16).value();
+  const std::size_t rows = value_of_tag(tiff, 278);
+  tiff[rows + 2] = std::byte{0x7f};
+  expect_refused(read_bytes(tiff, manifest_of("Mono16")), "strips of 8323079 rows");
+  for (std::size_t i = 0; i < 4; ++i) tiff[rows + i] = std::byte{0xff};  // the format's "all"
+  EXPECT_TRUE(read_bytes(tiff, manifest_of("Mono16")));
+}
+
 TEST(FrameIo, AHeaderThatAsksForTooMuchIsRefusedBeforeDecoding) {
   const Image<std::uint16_t> frame = random_frame({ColorFilter::kMono, 16}, 15);
   auto tiff = encode_frame_tiff(frame.view(), 16).value();
