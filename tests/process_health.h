@@ -34,24 +34,22 @@ class HealthLog {
  public:
   void add(const ProcessHealth& health) { samples_.push_back(health); }
 
-  // Memory settles while caches and pools fill: the last tenth is held against the fifth before the
-  // middle. Descriptors and threads may only differ by what comes and goes between two samples.
+  // Memory settles while caches and pools fill, and steps by what the allocator keeps or gives back
+  // (a set of pictures is 69 MB): the most of the last quarter is held against the most of the
+  // third.
   bool is_flat() const {
-    if (samples_.size() < 10) return true;
-    const ProcessHealth early = most(samples_.size() * 3 / 10, samples_.size() / 2);
-    const ProcessHealth late = most(samples_.size() * 9 / 10, samples_.size());
-    return late.resident_kib <= early.resident_kib + early.resident_kib / 20 + kSlack_kib &&
-           late.descriptor_count <= early.descriptor_count + 2 &&
-           late.thread_count <= early.thread_count + 1;
+    if (samples_.size() < 8) return true;
+    const ProcessHealth before = most_of_quarter(2);
+    const ProcessHealth last = most_of_quarter(3);
+    return last.resident_kib <= before.resident_kib + before.resident_kib / 20 + kSlack_kib &&
+           last.descriptor_count <= before.descriptor_count + 2 &&
+           last.thread_count <= before.thread_count + 1;
   }
   void print() const {
-    if (samples_.empty()) return;
-    for (const std::size_t tenth : {0U, 1U, 5U, 9U}) {
-      const ProcessHealth health = most(samples_.size() * tenth / 10,
-                                        std::max<std::size_t>(samples_.size() * (tenth + 1) / 10,
-                                                              samples_.size() * tenth / 10 + 1));
-      std::printf("tenth %u: at most %.1f MiB, %d descriptors, %d threads\n",
-                  static_cast<unsigned>(tenth + 1), static_cast<double>(health.resident_kib) / 1024,
+    for (std::size_t quarter = 0; quarter < 4; ++quarter) {
+      const ProcessHealth health = most_of_quarter(quarter);
+      std::printf("quarter %d: at most %.1f MiB, %d descriptors, %d threads\n",
+                  static_cast<int>(quarter + 1), static_cast<double>(health.resident_kib) / 1024,
                   health.descriptor_count, health.thread_count);
     }
   }
@@ -59,9 +57,10 @@ class HealthLog {
  private:
   static constexpr long kSlack_kib = 2048;
 
-  ProcessHealth most(std::size_t begin, std::size_t end) const {
+  ProcessHealth most_of_quarter(std::size_t quarter) const {
     ProcessHealth all;
-    for (std::size_t i = begin; i < std::min(end, samples_.size()); ++i) {
+    for (std::size_t i = samples_.size() * quarter / 4; i < samples_.size() * (quarter + 1) / 4;
+         ++i) {
       all.resident_kib = std::max(all.resident_kib, samples_[i].resident_kib);
       all.descriptor_count = std::max(all.descriptor_count, samples_[i].descriptor_count);
       all.thread_count = std::max(all.thread_count, samples_[i].thread_count);

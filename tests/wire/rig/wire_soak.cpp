@@ -68,7 +68,7 @@ class Soak {
     }
     const std::string pid = std::to_string(std::stol(read_text(folder_ / "pid")));
     for (int i = 0; i < capture_count; ++i) {
-      if (!capture_and_judge(i)) return 1;
+      if (!capture_when_ready(i)) return 1;
       health_.add(health_of(pid));
     }
     daemon->send(SIGTERM);
@@ -93,6 +93,21 @@ class Soak {
       std::this_thread::sleep_for(kPollPeriod);
     }
     return false;
+  }
+
+  // The daemon may have to open a device anew first. False if something hangs.
+  bool capture_when_ready(int number) {
+    const int before = complete_count_ + failed_count_;
+    const auto deadline = rig::HostClock::now() + kStartPatience;
+    while (complete_count_ + failed_count_ == before) {
+      if (!capture_and_judge(number)) return false;
+      if (rig::HostClock::now() > deadline) {
+        std::printf("capture %d: the daemon never got ready; %s\n", number, folder_.c_str());
+        return false;
+      }
+      std::this_thread::sleep_for(kPollPeriod);
+    }
+    return true;
   }
 
   // False if it hangs.
