@@ -53,27 +53,50 @@ struct Pixel {
   int row = 0, col = 0, channel = 0;
 };
 
-// A quadric through the block's positions: a pixel's own would carry its own noise.
+// A quadric through the block's positions: a pixel's own would carry its own noise. By least
+// squares with Tukey's weights: one code that is wrong by a period outweighs hundreds of right
+// ones.
 class PositionFit {
  public:
   PositionFit(const ImageView<const float>& position, const std::vector<Pixel>& pixels) {
     origin_ = pixels[pixels.size() / 2];
-    cv::Mat1d normal(6, 6, 0.0), right(6, 1, 0.0);
-    for (const Pixel& pixel : pixels) {
-      const cv::Matx61d t = terms(pixel);
-      const auto value = static_cast<double>(position.at(pixel.row, pixel.col));
-      for (int i = 0; i < 6; ++i) {
-        right(i) += t(i) * value;
-        for (int j = 0; j < 6; ++j) normal(i, j) += t(i) * t(j);
+    std::vector<double> value, weight(pixels.size(), 1), distance(pixels.size());
+    for (const Pixel& pixel : pixels)
+      value.push_back(static_cast<double>(position.at(pixel.row, pixel.col)));
+    for (int round = 0; round < kRounds; ++round) {
+      solve(pixels, value, weight);
+      for (std::size_t i = 0; i < pixels.size(); ++i)
+        distance[i] = std::abs(value[i] - at(pixels[i]));
+      std::vector<double> sorted = distance;
+      const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+      std::nth_element(sorted.begin(), middle, sorted.end());
+      const double reach = kTukeySd * std::max(*middle / 0.6745, kLeastSdPx);
+      for (std::size_t i = 0; i < pixels.size(); ++i) {
+        const double u = distance[i] / reach;
+        weight[i] = u < 1 ? (1 - u * u) * (1 - u * u) : 0;
       }
+    }
+  }
+  double at(const Pixel& pixel) const { return coefficients_.dot(terms(pixel)); }
+
+ private:
+  static constexpr int kRounds = 8;
+  static constexpr double kTukeySd = 4.7, kLeastSdPx = 0.005;
+
+  void solve(const std::vector<Pixel>& pixels, const std::vector<double>& value,
+             const std::vector<double>& weight) {
+    cv::Matx66d normal = cv::Matx66d::zeros();
+    cv::Matx61d right = cv::Matx61d::zeros();
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+      if (weight[i] == 0) continue;
+      const cv::Matx61d t = terms(pixels[i]);
+      right += (weight[i] * value[i]) * t;
+      normal += weight[i] * (t * t.t());
     }
     cv::Mat1d solution;
     cv::solve(normal, right, solution, cv::DECOMP_SVD);
     for (int i = 0; i < 6; ++i) coefficients_(i) = solution(i);
   }
-  double at(const Pixel& pixel) const { return coefficients_.dot(terms(pixel)); }
-
- private:
   cv::Matx61d terms(const Pixel& pixel) const {
     const double x = (pixel.col - origin_.col) / 50.0, y = (pixel.row - origin_.row) / 50.0;
     return {1, x, y, x * x, x * y, y * y};

@@ -66,7 +66,10 @@ Result<TransferFit> fit_transfer(const TransferSweep& sweep, const CameraInfo& c
 
 // The field average as a session holds it.
 TransferByBand transfer_by_band(const TransferFit& fit);
-TransferByDepth transfer_by_depth(std::span<const TransferFit> fits);  // sorted, distances differ
+// Sorted. Of three targets or more: at nine distances over those of all blocks, each block counted
+// at its own (a target across the picture is out of focus by more at one side than at the other).
+// Of fewer: the field averages at the targets' distances, which differ.
+TransferByDepth transfer_by_depth(std::span<const TransferFit> fits);
 
 // On the camera's grid, by name ("R.1", "R.2", ...): quadrics through the blocks' contrasts, held
 // beyond the outermost blocks. An R.n alone for mono cameras.

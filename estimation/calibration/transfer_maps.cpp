@@ -26,7 +26,77 @@ TransferByBand transfer_by_band(const TransferFit& fit) {
   return transfer;
 }
 
+namespace {
+
+// From how many targets' blocks curves over distance are fitted, and at how many distances told.
+constexpr std::size_t kLeastTargets = 3;
+constexpr int kToldDistances = 9;
+constexpr double kLeastContrast = 0.02;  // its logarithm is noise below
+
+// The logarithm of a contrast over distance, by all blocks of all targets: a defocus that grows
+// linearly from the focus makes it a quadratic.
+class ContrastOverDistance {
+ public:
+  ContrastOverDistance(std::span<const TransferFit> fits, std::size_t band, std::size_t n,
+                       double middle_mm, double reach_mm)
+      : middle_mm_(middle_mm), reach_mm_(reach_mm) {
+    cv::Mat1d design(0, 3), right(0, 1);
+    for (const TransferFit& fit : fits)
+      for (const TransferBlock& block : fit.blocks) {
+        const Measured& m = block.bands[band].contrast[n];
+        if (!(m.value > kLeastContrast)) continue;
+        const double weight = m.value / std::hypot(m.sd, kLeastSd);
+        const double z = (block.distance_mm - middle_mm) / reach_mm;
+        design.push_back(cv::Mat1d(cv::Matx13d(weight, weight * z, weight * z * z)));
+        right.push_back(weight * std::log(m.value));
+      }
+    coefficients_ = cv::Mat1d(3, 1, 0.0);
+    is_dark_ = design.rows < 3;
+    if (!is_dark_) cv::solve(design, right, coefficients_, cv::DECOMP_SVD);
+  }
+  double at(double distance_mm) const {
+    if (is_dark_) return 0;
+    const double z = (distance_mm - middle_mm_) / reach_mm_;
+    const double logarithm = coefficients_(0) + z * (coefficients_(1) + z * coefficients_(2));
+    return std::clamp(std::exp(logarithm), 0.0, 1.0);
+  }
+
+ private:
+  double middle_mm_, reach_mm_;
+  cv::Mat1d coefficients_;
+  bool is_dark_ = false;  // no block has contrast
+};
+
+// A target is not all at one distance: each block counts at its own.
+TransferByDepth by_block_distances(std::span<const TransferFit> fits) {
+  double nearest_mm = fits[0].distance_mm, farthest_mm = nearest_mm;
+  for (const TransferFit& fit : fits)
+    for (const TransferBlock& block : fit.blocks) {
+      nearest_mm = std::min(nearest_mm, block.distance_mm);
+      farthest_mm = std::max(farthest_mm, block.distance_mm);
+    }
+  const double middle_mm = (nearest_mm + farthest_mm) / 2;
+  const double reach_mm = std::max((farthest_mm - nearest_mm) / 2, 1e-6);
+  TransferByDepth by_depth;
+  for (int i = 0; i < kToldDistances; ++i) {
+    const double share = static_cast<double>(i) / (kToldDistances - 1);
+    by_depth.entries.push_back({std::lerp(nearest_mm, farthest_mm, share), {}});
+  }
+  const int band_count = fits[0].band_count;
+  for (std::size_t band = 0; band < 3; ++band)
+    for (std::size_t n = 0; n < kTransferHarmonics; ++n) {
+      const ContrastOverDistance contrast(fits, band < index(band_count) ? band : 0, n, middle_mm,
+                                          reach_mm);
+      for (TransferByDepth::Entry& entry : by_depth.entries)
+        entry.transfer.harmonics[band].push_back(contrast.at(entry.distance_mm));
+    }
+  return by_depth;
+}
+
+}  // namespace
+
 TransferByDepth transfer_by_depth(std::span<const TransferFit> fits) {
+  if (fits.size() >= kLeastTargets) return by_block_distances(fits);
   TransferByDepth by_depth;
   for (const TransferFit& fit : fits)
     by_depth.entries.push_back({fit.distance_mm, transfer_by_band(fit)});

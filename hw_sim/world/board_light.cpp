@@ -16,6 +16,7 @@ namespace {
 constexpr int kFine = 32;             // samples of a line, a px
 constexpr double kBlurStepPx = 0.05;  // between lines; light is interpolated between them
 constexpr double kReachSd = 5;        // a Gaussian's tail beyond is 6e-7
+constexpr int kMostTaps = 512;        // more than twice the reach of the greatest blur
 constexpr double kSharpestPx = 0.02;  // less blur than this is none
 
 // Share of a Gaussian's mass below `x` of its standard deviations.
@@ -124,11 +125,14 @@ double BlurredPicture::summed(double col_px, double row_px, double blur_px) cons
   const int first_row = std::max(0, static_cast<int>(std::floor(row_px)) - reach);
   const int last_row =
       std::min(brightness_.height_px() - 1, static_cast<int>(std::ceil(row_px)) + reach);
+  std::array<double, kMostTaps> of_col{};
+  for (int col = first_col; col <= last_col; ++col)
+    of_col[static_cast<std::size_t>(col - first_col)] = weight(col - col_px, blur_px);
   double sum = 0;
   for (int row = first_row; row <= last_row; ++row) {
     double of_row = 0;
     for (int col = first_col; col <= last_col; ++col)
-      of_row += weight(col - col_px, blur_px) * brightness_.at(row, col);
+      of_row += of_col[static_cast<std::size_t>(col - first_col)] * brightness_.at(row, col);
     sum += weight(row - row_px, blur_px) * of_row;
   }
   return sum / 255;

@@ -26,14 +26,18 @@ using ::testing::IsEmpty;
 namespace synthetic = estimation::testing;
 namespace fs = std::filesystem;
 
-constexpr int kWidthPx = 392, kHeightPx = 288;
+struct Size {
+  int width_px, height_px;
+};
+constexpr Size kSmall{392, 288}, kUsual{588, 432};
 constexpr double kDistanceMm = 1030;
 
-estimation::Calibration true_calibration() {
+estimation::Calibration true_calibration(Size size = kSmall) {
   estimation::Calibration calibration =
-      synthetic::make_rig(kWidthPx, kHeightPx, true).calibration;  // with distortion
+      synthetic::make_rig(size.width_px, size.height_px, true).calibration;  // with distortion
   calibration.irradiance = estimation::Irradiance{.signal_per_us = {0.2, 0.19, 0.17},
-                                                  .reference_distance_mm = kDistanceMm};
+                                                  .reference_distance_mm = kDistanceMm,
+                                                  .vignetting_file = {}};
   return calibration;
 }
 
@@ -47,15 +51,15 @@ hw_sim::Effects true_optics() {
   return effects;
 }
 
-rig::RigFile make_rig_file() {
+rig::RigFile make_rig_file(Size size = kSmall) {
   rig::RigFile file;
   file.name = "virtual";
   file.projector.monitor = "SIM-1";
   file.projector.width_px = 1024;
   file.projector.height_px = 768;
   file.camera.pixel_format = "BayerRG12";
-  file.camera.width_px = kWidthPx;
-  file.camera.height_px = kHeightPx;
+  file.camera.width_px = size.width_px;
+  file.camera.height_px = size.height_px;
   file.sensor.black_level_dn = testing::kBlackDn;
   file.sensor.saturation_level_dn = testing::kSaturationDn;
   file.sensor.gain_e_per_dn = testing::kGain;
@@ -74,10 +78,11 @@ void write_calibration_of(const estimation::Calibration& calibration, const fs::
 class CalibratedVirtualRig : public ::testing::Test {
  protected:
   // The targets of a scene from its step `first` on, one a capture.
-  std::unique_ptr<hw_sim::TargetWorld> world(const char* scene, std::size_t first = 0) {
+  std::unique_ptr<hw_sim::TargetWorld> world(const char* scene, std::size_t first = 0,
+                                             const hw_sim::Effects& effects = true_optics()) {
     estimation::CameraInfo camera;
-    camera.width_px = kWidthPx;
-    camera.height_px = kHeightPx;
+    camera.width_px = size_.width_px;
+    camera.height_px = size_.height_px;
     camera.pixel_format = {estimation::ColorFilter::kBayerRG, 12};
     camera.black_level_dn = testing::kBlackDn;
     camera.gain_e_per_dn = testing::kGain;
@@ -85,8 +90,9 @@ class CalibratedVirtualRig : public ::testing::Test {
     captures_begun_ = first;
     auto targets = hw_sim::make_target_scene(scene);
     EXPECT_TRUE(targets);
-    auto made = hw_sim::TargetWorld::create(camera, {1024, 768, {}}, true_calibration(), *targets,
-                                            true_optics(), 1, [this] { return captures_begun_; });
+    auto made =
+        hw_sim::TargetWorld::create(camera, {1024, 768, {}}, true_calibration(size_), *targets,
+                                    effects, 1, [this] { return captures_begun_; });
     EXPECT_TRUE(made) << made.error().detail;
     return std::move(*made);
   }
@@ -100,7 +106,7 @@ class CalibratedVirtualRig : public ::testing::Test {
     options.directory = folder_ / "sessions";
     options.created = std::chrono::system_clock::time_point(
         std::chrono::seconds(1'790'000'000 + 60 * captures_begun_));
-    rig::RigFile rig_file = make_rig_file();
+    rig::RigFile rig_file = make_rig_file(size_);
     rig_file.calibration_file = folder_ / "calibration.json";
     const auto job = CaptureJob::prepare(rig_file, options);
     EXPECT_TRUE(job) << job.error().message;
@@ -114,21 +120,25 @@ class CalibratedVirtualRig : public ::testing::Test {
     return result.session;
   }
 
+  Size size_ = kSmall;
   std::size_t captures_begun_ = 0;
   const testing::ScratchFolder scratch_;
   const fs::path& folder_ = scratch_.path();
 };
 
 TEST_F(CalibratedVirtualRig, GeometryIsTheTruth) {
+  size_ = kUsual;
   // A calibration must be there before the first: a wrong one.
   estimation::Calibration nominal;
   nominal.camera.K = nominal.projector.K = estimation::Mat3(1200, 0, 300, 0, 1200, 200, 0, 0, 1);
   nominal.projector_from_camera_mm = {200, 0, 0};
   write_calibration_of(nominal, folder_ / "calibration.json");
   GeometryJob job({estimation::BoardKind::kCheckerboard, 10, 13, 15});
-  const auto board = world("board");
-  for (int pose = 0; pose < 9; ++pose) {
-    const fs::path session = capture(*board, board_plan(make_rig_file()), "pose");
+  hw_sim::Effects optics;
+  optics.blur_px = 0.8;  // perfectly sharp pixels would hide where in a pixel a point lies
+  const auto board = world("board", 0, optics);
+  for (int pose = 0; pose < 6; ++pose) {
+    const fs::path session = capture(*board, board_plan(make_rig_file(size_)), "pose");
     const auto added = job.add_session(session);
     ASSERT_TRUE(added) << added.error().text();
   }
@@ -136,7 +146,7 @@ TEST_F(CalibratedVirtualRig, GeometryIsTheTruth) {
   EXPECT_THAT(job.refusals(), IsEmpty());
   ASSERT_TRUE(job.fit());
   const estimation::GeometryFit& fit = *job.fit();
-  const estimation::Calibration truth = true_calibration();
+  const estimation::Calibration truth = true_calibration(size_);
   estimation::Vec3 turn;
   cv::Rodrigues(fit.calibration.projector_from_camera * truth.projector_from_camera.t(), turn);
   const double shift_mm =
@@ -157,13 +167,16 @@ TEST_F(CalibratedVirtualRig, RadiometryIsTheTruth) {
   const auto targets = world("standard");
   for (const RadiometryStep& step : radiometry_steps(make_rig_file())) {
     const fs::path session = capture(*targets, step.plan, step.subject);
-    const auto checked = check_step(step, session, inputs, true_calibration());
-    ASSERT_TRUE(checked) << step.words << ": " << checked.error().text();
-    EXPECT_THAT(*checked, IsEmpty()) << step.words;
+    if (step.plan.name != "target") {  // those take longer, and are judged below
+      const auto checked = check_step(step, session, inputs, true_calibration());
+      ASSERT_TRUE(checked) << step.words << ": " << checked.error().text();
+      EXPECT_THAT(*checked, IsEmpty()) << step.words;
+    }
     (inputs.*step.sessions).push_back(session.string());
   }
   const auto job = RadiometryJob::run(inputs, true_calibration());
   ASSERT_TRUE(job) << job.error().text();
+  EXPECT_THAT(job->warnings(), IsEmpty());
   ASSERT_TRUE(job->store(calibration, std::chrono::system_clock::now()));
   std::printf("%s", job->report().c_str());
   std::ifstream file(calibration);
@@ -185,7 +198,7 @@ TEST_F(CalibratedVirtualRig, RadiometryIsTheTruth) {
     EXPECT_NEAR(static_cast<double>(vignetting->begin()->second.at(row, col)) / truth, 1, 0.005);
   }
   const auto& entries = std::get<estimation::TransferByDepth>(*read->stripe_transfer).entries;
-  ASSERT_EQ(entries.size(), 3U);
+  ASSERT_GE(entries.size(), 3U);
   for (const auto& entry : entries)
     for (const int n : {1, 2, 4, 6}) {
       const double k = 2 * std::numbers::pi * n / 40;
@@ -220,7 +233,7 @@ TEST_F(CalibratedVirtualRig, ATargetThatIsNotThereIsTold) {
   const auto checked =
       check_step(step, capture(*capped, step.plan, step.subject), {}, true_calibration());
   ASSERT_FALSE(checked);
-  EXPECT_THAT(checked.error().text(), HasSubstr("expected"));
+  EXPECT_THAT(checked.error().text(), HasSubstr("enough of the target"));
 }
 
 }  // namespace
