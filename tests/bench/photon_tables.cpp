@@ -51,26 +51,32 @@ double distance_of(const WindowPixel& pixel) {
 using Chosen = std::vector<std::size_t>;  // pixels
 
 struct Row {
-  std::string window, band, distance;
+  std::string part, distance;
   Chosen pixels;
 };
 
 std::vector<Row> rows_of(const WindowResult& result) {
   std::vector<Row> rows;
-  const auto add = [&](const std::string& band, const std::string& distance,
+  const auto add = [&](const std::string& part, const std::string& distance,
                        const std::function<bool(const WindowPixel&)>& is_in) {
     Chosen chosen;
     for (std::size_t i = 0; i < result.window.pixels.size(); ++i) {
       const WindowPixel& pixel = result.window.pixels[i];
       if (is_counted(result.window, pixel) && is_in(pixel)) chosen.push_back(i);
     }
-    if (!chosen.empty()) rows.push_back({result.window.plan.name, band, distance, chosen});
+    constexpr std::size_t kFewest = 8;
+    if (chosen.size() >= kFewest) rows.push_back({part, distance, chosen});
   };
-  for (const Bin& bin : kBins)
-    add("all", bin.name, [&](const WindowPixel& pixel) {
-      const double distance = distance_of(pixel);
-      return distance >= bin.from && distance < bin.to;
-    });
+  const bool has_sides = result.window.plan.inside != hw_sim::Region::kNone;
+  for (const bool is_inside : {true, false})
+    for (const Bin& bin : kBins)
+      add(is_inside   ? "inside"
+          : has_sides ? "outside"
+                      : "all",
+          bin.name, [&](const WindowPixel& pixel) {
+            const double distance = distance_of(pixel);
+            return pixel.is_inside == is_inside && distance >= bin.from && distance < bin.to;
+          });
   for (int band = 0; band < 3; ++band)
     add(kBands[band], "all", [&](const WindowPixel& pixel) { return pixel.band == band; });
   return rows;
@@ -78,10 +84,10 @@ std::vector<Row> rows_of(const WindowResult& result) {
 
 Table profile_table(const WindowResult& result) {
   Table table{.name = std::string("photon_profiles_").append(result.window.plan.name),
-              .title = "Stripe profiles: surface less photons, % of the photons' mean",
-              .columns = {"window", "colour", "distance, l_d", "pixels", "level mean (se)",
-                          "level p95", "its noise p95", "profile median", "profile p95",
-                          "its noise median", "profile rms without noise"}};
+              .title = "Stripe profiles: surface less photons, % of the surface's mean",
+              .columns = {"part", "distance, l_d", "pixels", "level mean (se)", "level p95",
+                          "its noise p95", "profile median", "profile p95", "its noise median",
+                          "profile rms without noise"}};
   for (const Row& row : rows_of(result)) {
     std::vector<double> level, level_se, shape, shape_se;
     double squares = 0, mean = 0, mean_variance = 0;
@@ -97,7 +103,7 @@ Table profile_table(const WindowResult& result) {
           (d.shape * d.shape - d.shape_se * d.shape_se) / static_cast<double>(row.pixels.size());
     }
     table.rows.push_back(
-        {row.window, row.band, row.distance, std::to_string(row.pixels.size()),
+        {row.part, row.distance, std::to_string(row.pixels.size()),
          percent(mean).append(" (").append(percent(std::sqrt(mean_variance))).append(")"),
          percent(quantile(magnitudes(level), 0.95)), percent(quantile(level_se, 0.5)),
          percent(quantile(shape, 0.5)), percent(quantile(shape, 0.95)),
@@ -146,7 +152,7 @@ Table recovered_table(const WindowResult& result) {
               .title =
                   "What the estimator recovers: error % against the material where the pixel "
                   "looks; bias is the median, p95 of the magnitude",
-              .columns = {"window", "colour", "distance, l_d", "fits"}};
+              .columns = {"part", "distance, l_d", "fits"}};
   for (const Named& quantity : kQuantities)
     for (const char* column :
          {" by the surface: bias / p95", " by photons: bias (se) / p95 (of noise)"})
@@ -155,7 +161,7 @@ Table recovered_table(const WindowResult& result) {
     return percent(quantile(magnitudes(errors), 0.95), 1);
   };
   for (const Row& row : rows_of(result)) {
-    table.rows.push_back({row.window, row.band, row.distance});
+    table.rows.push_back({row.part, row.distance});
     std::vector<std::string>& cells = table.rows.back();
     for (const Named& quantity : kQuantities) {
       const Errors e = errors_of(result, row.pixels, quantity);
@@ -186,6 +192,7 @@ Table pixel_table(const WindowResult& result) {
                           "col",
                           "band",
                           "counted",
+                          "inside",
                           "distance_l_d",
                           "border_mm",
                           "break_mm",
@@ -206,7 +213,8 @@ Table pixel_table(const WindowResult& result) {
     const WindowPixel& p = result.window.pixels[i];
     const ProfileDifference& d = result.profiles[i];
     std::vector<std::string> row = {std::to_string(p.row), std::to_string(p.col), kBands[p.band],
-                                    is_counted(result.window, p) ? "1" : "0"};
+                                    is_counted(result.window, p) ? "1" : "0",
+                                    p.is_inside ? "1" : "0"};
     for (const double value : {distance_of(p), p.border_distance_mm, p.break_distance_mm, d.level,
                                d.level_se, d.shape, d.shape_se})
       row.push_back(digits(value, 5));
@@ -226,7 +234,7 @@ std::vector<ProfileDifference> differences(const Window& window) {
     double mean = 0, off = 0, squares = 0, noise = 0;
     for (std::size_t shift = 0; shift < kShifts; ++shift) {
       const double difference = window.surface[shift][i] - window.photons[shift][i];
-      mean += window.photons[shift][i] / kShifts;
+      mean += window.surface[shift][i] / kShifts;
       off += difference / kShifts;
       squares += difference * difference / kShifts;
       noise += window.photons_se[shift][i] * window.photons_se[shift][i] / kShifts;

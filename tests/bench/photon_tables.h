@@ -10,8 +10,8 @@
 
 namespace bench {
 
-// How one pixel's stripe profile by the surface way differs from the photons', relative to their
-// mean.
+// How one pixel's stripe profile by the surface way differs from the photons', relative to the
+// surface's mean: it has no noise.
 struct ProfileDifference {
   double level = 0, level_se = 0;  // of the mean over the period
   double shape = 0, shape_se = 0;  // root mean square over the 40 shifts, means included

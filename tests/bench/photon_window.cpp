@@ -225,6 +225,7 @@ Window measure(const WindowPlan& plan, const WindowOptions& options) {
            .col = point.col,
            .band = seen.bands[i],
            .scattering = seen.samples[i].scattering,
+           .is_inside = point.skin.region == plan.inside,
            .border_distance_mm = std::min(point.skin.border_distance_mm, kFarMm),
            .break_distance_mm =
                breaks.distance_mm(point, point.row + kMarginPx, point.col + kMarginPx),

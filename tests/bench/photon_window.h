@@ -14,9 +14,10 @@ namespace bench {
 struct WindowPlan {
   std::string name;  // of files and in tables
   std::string title;
-  std::string scene;                  // of hw_sim/world/scene.h
-  int row_px = 0, col_px = 0;         // the window's middle on the sensor of 588 x 432
-  int height_px = 32, width_px = 32;  // the window's size
+  std::string scene;                              // of hw_sim/world/scene.h
+  hw_sim::Region inside = hw_sim::Region::kNone;  // whose border is looked at
+  int row_px = 0, col_px = 0;                     // the window's middle on the sensor of 588 x 432
+  int height_px = 32, width_px = 32;              // the window's size
 };
 
 struct WindowOptions {
@@ -30,6 +31,7 @@ struct WindowOptions {
 struct WindowPixel {
   int row = 0, col = 0, band = 0;
   hw_sim::Scattering scattering;  // of its band, where it looks
+  bool is_inside = false;         // of the plan's region, where materials mix by the larger share
   // To the nearest zone of mixed materials, and to the nearest place where surface or light break
   // off: a jump in depth, a shadow's edge; at most kFarMm.
   double border_distance_mm = 0, break_distance_mm = 0;

@@ -13,13 +13,15 @@
 
 namespace {
 
+using hw_sim::Region;
+
 const std::vector<bench::WindowPlan> kWindows = {
     // Nothing varies and nothing bends: what the ways' own errors are.
-    {"phantom", "flat phantom", "flat_phantom", 215, 293, 16, 16},
-    {"cheek", "cheek (face_female)", "face_female", 283, 222},
-    {"lip", "lip's edge (face_female)", "face_female", 357, 305},
-    {"stubble", "stubble's border (face_male)", "face_male", 309, 245},
-    {"nostril", "nostril (face_female)", "face_female", 302, 284},
+    {"phantom", "flat phantom", "flat_phantom", Region::kNone, 215, 293, 16, 16},
+    {"cheek", "cheek (face_female)", "face_female", Region::kNone, 283, 222},
+    {"lip", "lip's edge (face_female)", "face_female", Region::kLips, 357, 305},
+    {"stubble", "stubble's border (face_male)", "face_male", Region::kStubble, 309, 245},
+    {"nostril", "nostril (face_female)", "face_female", Region::kNone, 302, 284},
 };
 
 }  // namespace
