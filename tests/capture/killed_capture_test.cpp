@@ -1,0 +1,202 @@
+// A capture's process is killed at random moments (SIGKILL: nothing of ours runs any more). What
+// lies on the disk under its final name is whole, and earlier sessions are as they were.
+// SSRIG_KILLS says how often; a few in the default run, 200 in the soak.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <random>
+#include <set>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "capture/capture_job.h"
+#include "estimation/session/frame_io.h"
+#include "estimation/session/maps.h"
+#include "estimation/session/verify.h"
+#include "tests/capture/folder_files.h"
+#include "tests/capture/ledger_rig.h"
+
+namespace capture {
+namespace {
+
+namespace fs = std::filesystem;
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+
+constexpr char kCalibration[] = R"({
+  "camera": {"K": [[80, 0, 31.5], [0, 80, 23.5], [0, 0, 1]]},
+  "projector": {"K": [[80, 0, 31.5], [0, 80, 23.5], [0, 0, 1]],
+                "R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [-250, 0, 0]},
+  "irradiance": {"signal_per_us": [0.1, 0.1, 0.1], "reference_distance_mm": 1000}
+})";
+
+int kill_count() {
+  const char* asked = std::getenv("SSRIG_KILLS");
+  return asked == nullptr ? 8 : std::atoi(asked);
+}
+
+// By its name: of a single file, or of the folder that maps are written to first.
+bool is_temporary(const std::string& name) {
+  return name.ends_with(".tmp") || name.find("being_written") != std::string::npos;
+}
+
+// What of a killed take is not whole although its name says so; each a line.
+std::vector<std::string> incomplete_files(const fs::path& session) {
+  std::vector<std::string> lines;
+  const auto manifest = estimation::read_manifest(session);
+  for (const auto& [name, bytes] : files_of(session)) {
+    if (is_temporary(name)) continue;
+    if (name == "session.json") {
+      if (!manifest) lines.push_back(manifest.error().text());
+    } else if (name == "journal.jsonl") {
+      if (!bytes.empty() && bytes.back() != '\n') lines.push_back(name + " ends within a line");
+      std::istringstream journal(bytes);
+      for (std::string line; std::getline(journal, line);)
+        if (!nlohmann::json::accept(line)) lines.push_back(name + " holds " + line);
+    } else if (name.ends_with(".tiff")) {
+      if (!manifest || !estimation::read_frame(session, *manifest, name))
+        lines.push_back(name + " is no whole frame");
+    } else if (name.ends_with(".exr")) {
+      const auto image = estimation::read_exr(session / name);
+      if (!image) lines.push_back(image.error().text());
+    } else if (name.ends_with(".png")) {
+      const bool is_whole = bytes.size() > 12 && bytes.substr(bytes.size() - 8, 4) == "IEND";
+      if (!is_whole) lines.push_back(name + " has no end");
+    } else if (name.ends_with(".json")) {
+      if (!nlohmann::json::accept(bytes)) lines.push_back(name + " is no JSON");
+    } else if (!name.ends_with(".ply") && !name.ends_with(".html") && !name.ends_with(".csv")) {
+      lines.push_back(name + " is of a kind that this test does not know");
+    }
+  }
+  const auto report = estimation::verify_session(session);
+  if (report && report->state == "complete")
+    for (const auto& problem : report->problems) lines.push_back(problem.text());
+  return lines;
+}
+
+class KilledCapture : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (fs::temp_directory_path() / "ssrig_kill_XXXXXX").string();
+    ASSERT_NE(::mkdtemp(name.data()), nullptr);
+    root_ = name;
+    rig_file_ = ledger_rig_file();
+    rig_file_.path = root_ / "rig.toml";
+    rig_file_.calibration_file = root_ / "calibration.json";
+    std::ofstream(rig_file_.calibration_file) << kCalibration;
+    fs::create_directories(sessions());
+  }
+  void TearDown() override { fs::remove_all(root_); }
+
+  fs::path sessions() const { return root_ / "sessions"; }
+
+  // In a process of its own, which it ends.
+  [[noreturn]] void capture() const {
+    CaptureOptions options;
+    options.directory = sessions();
+    options.created = std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
+    options.estimator.thread_count = 1;
+    const auto job = CaptureJob::prepare(rig_file_, options);
+    if (!job) ::_exit(1);
+    const hw_sim::LedgerWorld world;
+    hw_sim::InProcessRig rig(
+        world, {rig_file_.projector, rig_file_.trigger, rig_file_.camera, {}, {}, {}});
+    const CaptureResult result =
+        job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
+    ::_exit(result.exit_code == ExitCode::kDone ? 0 : 1);
+  }
+
+  // A capture that is killed after `life`; its wait status.
+  int capture_for(milliseconds life) const {
+    const pid_t child = ::fork();
+    if (child == 0) capture();
+    const auto deadline = steady_clock::now() + life;
+    int status = 0;
+    while (steady_clock::now() < deadline) {
+      if (::waitpid(child, &status, WNOHANG) == child) return status;
+      std::this_thread::sleep_for(milliseconds(1));
+    }
+    ::kill(child, SIGKILL);
+    ::waitpid(child, &status, 0);
+    return status;
+  }
+
+  std::set<fs::path> folders() const {
+    std::set<fs::path> all;
+    for (const auto& entry : fs::directory_iterator(sessions())) all.insert(entry.path());
+    return all;
+  }
+
+  fs::path root_;
+  rig::RigFile rig_file_;
+};
+
+TEST_F(KilledCapture, LeavesOnlyWholeFilesAndNoEarlierSessionIsTouched) {
+  const auto start = steady_clock::now();
+  ASSERT_EQ(capture_for(std::chrono::minutes(5)), 0) << "the capture that is not killed";
+  const auto duration = std::chrono::duration_cast<milliseconds>(steady_clock::now() - start);
+  const fs::path first = *folders().begin();
+  const auto first_files = files_of(first);
+  ASSERT_FALSE(first_files.empty());
+  std::mt19937_64 random(20260131);
+  int killed_count = 0, with_frames_count = 0;
+  std::map<std::string, std::string> before;  // of the take killed last, and its folder
+  fs::path before_folder;
+  for (int take = 0; take < kill_count(); ++take) {
+    const auto earlier = folders();
+    const milliseconds life(static_cast<std::int64_t>(
+        random() % static_cast<std::uint64_t>(std::max<std::int64_t>(duration.count(), 2))));
+    SCOPED_TRACE("take " + std::to_string(take) + " killed after " + std::to_string(life.count()) +
+                 " of " + std::to_string(duration.count()) + " ms");
+    killed_count += WIFSIGNALED(capture_for(life)) ? 1 : 0;
+    EXPECT_EQ(files_of(first), first_files) << "an earlier session has changed";
+    if (!before_folder.empty()) {
+      EXPECT_EQ(files_of(before_folder), before) << "the take before has changed";
+      fs::remove_all(before_folder);  // or the disk fills
+      before_folder.clear();
+    }
+    for (const fs::path& folder : folders()) {
+      if (earlier.contains(folder)) continue;
+      for (const std::string& line : incomplete_files(folder)) ADD_FAILURE() << line;
+      before_folder = folder;
+      before = files_of(folder);
+      const bool has_frames = std::ranges::any_of(
+          before, [](const auto& file) { return file.first.ends_with(".tiff"); });
+      with_frames_count += has_frames ? 1 : 0;
+    }
+  }
+  std::printf("%d of %d takes killed, %d of them with frames on the disk\n", killed_count,
+              kill_count(), with_frames_count);
+  EXPECT_GT(killed_count, kill_count() / 2) << "most captures were over before they were killed";
+}
+
+// The checks above can fail.
+TEST_F(KilledCapture, ATornFileWouldBeNoticed) {
+  ASSERT_EQ(capture_for(std::chrono::minutes(5)), 0);
+  const fs::path session = *folders().begin();
+  EXPECT_THAT(incomplete_files(session), testing::IsEmpty());
+  std::size_t torn_count = 0;
+  for (const char* name : {"journal.jsonl", "maps/validity.exr"}) {
+    fs::resize_file(session / name, fs::file_size(session / name) - 3);
+    EXPECT_GE(incomplete_files(session).size(), ++torn_count) << name;
+  }
+  const auto manifest = estimation::read_manifest(session);
+  ASSERT_TRUE(manifest);
+  const fs::path frame = session / manifest->frames.front().file;
+  fs::resize_file(frame, fs::file_size(frame) - 3);
+  EXPECT_GE(incomplete_files(session).size(), ++torn_count);
+}
+
+}  // namespace
+}  // namespace capture
