@@ -111,12 +111,15 @@ bool AdjointWalk::meet_boundary(Photon& photon, double reach_mm, PhotonRandom& r
   for (int i = 0; i < 40 && outer - inner > kOnSurfaceMm / 10; ++i) {
     const double middle = inner + (outer - inner) * below / (below - above);
     const double value = shape_.distance_mm(photon.point_mm + middle * photon.way);
+    if (std::abs(value) < kOnSurfaceMm) {
+      inner = middle;
+      break;
+    }
     if (value < 0) {
       inner = middle;
       below = value;
       if (kept > 0) above /= 2;
       kept = 1;
-      if (value > -kOnSurfaceMm) break;
     } else {
       outer = middle;
       above = value;
@@ -127,9 +130,9 @@ bool AdjointWalk::meet_boundary(Photon& photon, double reach_mm, PhotonRandom& r
   photon.point_mm += inner * photon.way;
   photon.safe_mm = 0;
   flown_mm = inner;
-  const Vec3 normal = shape_.normal(photon.point_mm);
+  const auto [distance_mm, normal] = shape_.at(photon.point_mm);
   const double cosine = photon.way.dot(normal);
-  photon.point_mm -= kOnSurfaceMm * normal;
+  photon.point_mm -= (distance_mm + kOnSurfaceMm) * normal;
   if (cosine <= 0) return true;  // it grazes a hollow: pushed clear of it
   const double reflected = fresnel_reflectance(cosine, kSkinIndex, 1);
   if (random.uniform() > reflected) {
