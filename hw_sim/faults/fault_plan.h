@@ -77,7 +77,7 @@ inline constexpr int showing_of_slot(int slot) { return slot + 1; }
 struct FaultPlace {
   int showing = kPrimingShowing;
   int bracket = 0;  // of kShot only
-  auto operator<=>(const FaultPlace&) const = default;
+  bool operator==(const FaultPlace&) const = default;
 };
 
 struct PlannedFault {

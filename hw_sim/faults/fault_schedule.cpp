@@ -1,7 +1,6 @@
 #include "hw_sim/faults/fault_schedule.h"
 
 #include <algorithm>
-#include <utility>
 
 namespace hw_sim {
 namespace {
@@ -28,12 +27,17 @@ std::string describe(FaultKind kind, FaultPlace place) {
   return text;
 }
 
+bool is_reached(FaultPlace planned, FaultPlace present) {
+  return present.showing > planned.showing ||
+         (present.showing == planned.showing && present.bracket >= planned.bracket);
+}
+
 double to_frac(std::uint64_t draw) { return static_cast<double>(draw >> 11) * 0x1p-53; }
 
 }  // namespace
 
-FaultSchedule::FaultSchedule(FaultPlan plan) : seed_(plan.seed), place_{kClosed, 0} {
-  for (PlannedFault& fault : plan.faults) entries_.push_back({std::move(fault), 0, 0});
+FaultSchedule::FaultSchedule(const FaultPlan& plan) : seed_(plan.seed), place_{kClosed, 0} {
+  for (const PlannedFault& fault : plan.faults) entries_.push_back({fault, 0, 0});
 }
 
 void FaultSchedule::opened() {
@@ -98,7 +102,7 @@ std::optional<PlannedFault> FaultSchedule::take_at(FaultKind kind, FaultPlace pl
     Entry& entry = entries_[i];
     if (entry.fault.kind != kind || entry.taken_count >= entry.fault.count) continue;
     const bool is_due = entry.fault.place
-                            ? place >= *entry.fault.place
+                            ? is_reached(*entry.fault.place, place)
                             : to_frac(draw(i, entry.occasion_count++)) < entry.fault.rate_frac;
     if (!is_due) continue;
     ++entry.taken_count;

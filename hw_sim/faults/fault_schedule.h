@@ -37,7 +37,7 @@ struct FlipFaults {
 // get the same answers.
 class FaultSchedule {
  public:
-  explicit FaultSchedule(FaultPlan plan = {});
+  explicit FaultSchedule(const FaultPlan& plan = {});
 
   // The devices are open, and at rest.
   void opened();

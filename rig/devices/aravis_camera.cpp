@@ -53,6 +53,7 @@ struct ChunkName {
   const char* selector;
   const char* feature;
 };
+constexpr std::chrono::milliseconds kReleasePatience{1000}, kReleasePeriod{1};
 constexpr std::array<ChunkName, 1> kExposureChunks{{{"ExposureTime", "ChunkExposureTime"}}};
 constexpr std::array<ChunkName, 2> kTriggerChunks{
     {{"CounterValue", "ChunkCounterValue"},
@@ -503,6 +504,15 @@ AravisCamera::Impl::~Impl() {
   disarm();
   loss_->close();
   g_signal_handler_disconnect(arv_camera_get_device(camera_.get()), loss_handler_);
+  // The heartbeat thread may still be telling of the loss, and holds the device while it does. Who
+  // lets go last joins that thread: were it the thread itself, GLib would abort the program. There
+  // is nothing to wait on but the count; a device that is held for ever is better leaked.
+  auto* const device = G_OBJECT(g_object_ref(arv_camera_get_device(camera_.get())));
+  camera_.reset();
+  const HostTime patience = HostClock::now() + kReleasePatience;
+  while (g_atomic_int_get(&device->ref_count) > 1 && HostClock::now() < patience)
+    std::this_thread::sleep_for(kReleasePeriod);
+  if (g_atomic_int_get(&device->ref_count) == 1) g_object_unref(device);
 }
 
 Result<void> AravisCamera::Impl::configure() {
