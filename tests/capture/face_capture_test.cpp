@@ -127,9 +127,12 @@ TEST_F(FaceCapture, RefinementBringsTheWholeFaceCloserToTheTruth) {
     return *report;
   };
   const auto ordinary = judged(false).face, refined = judged(true).face;
-  // At 1.6 mm a pixel; measured 0.35 (position) and 0.7 (sigma_a) of the ordinary error.
-  EXPECT_LT(refined.position_mm.median, 0.5 * ordinary.position_mm.median);
-  EXPECT_LT(refined.position_mm.percentile95, 0.8 * ordinary.position_mm.percentile95);
+  // At 1.6 mm a pixel; what bends do to the position is taken off either way: measured 0.0144 and
+  // 0.143 mm of both. Of the ordinary error of sigma_a 0.7.
+  for (const auto& errors : {ordinary, refined}) {
+    EXPECT_LT(errors.position_mm.median, 0.02);
+    EXPECT_LT(errors.position_mm.percentile95, 0.18);
+  }
   for (std::size_t band = 0; band < 3; ++band) {
     SCOPED_TRACE(band);
     const auto& before = ordinary.bands[band];
