@@ -63,7 +63,8 @@ std::vector<std::string> incomplete_files(const fs::path& session) {
       if (!bytes.empty() && bytes.back() != '\n') lines.push_back(name + " ends within a line");
       std::istringstream journal(bytes);
       for (std::string line; std::getline(journal, line);)
-        if (!nlohmann::json::accept(line)) lines.push_back(name + " holds " + line);
+        if (!nlohmann::json::accept(line))
+          lines.push_back(std::string(name).append(" holds ").append(line));
     } else if (name.ends_with(".tiff")) {
       if (!manifest || !estimation::read_frame(session, *manifest, name))
         lines.push_back(name + " is no whole frame");
