@@ -1,8 +1,11 @@
 // A capture's process is killed at random moments (SIGKILL: nothing of ours runs any more). What
-// lies on the disk under its final name is whole, and earlier sessions are as they were.
+// lies on the disk under its final name is whole, and earlier sessions are as they were. The
+// process is this program started anew with --capture FOLDER: a fork of the test's would lack the
+// threads that OpenEXR has started in it.
 // SSRIG_KILLS says how often; a few in the default run, 200 in the soak.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <spawn.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -86,42 +89,51 @@ std::vector<std::string> incomplete_files(const fs::path& session) {
   return lines;
 }
 
+rig::RigFile rig_file_in(const fs::path& root) {
+  rig::RigFile rig_file = ledger_rig_file();
+  rig_file.path = root / "rig.toml";
+  rig_file.calibration_file = root / "calibration.json";
+  return rig_file;
+}
+
+fs::path sessions_in(const fs::path& root) { return root / "sessions"; }
+
+// What the process to be killed does; its exit status.
+int capture_in(const fs::path& root) {
+  const rig::RigFile rig_file = rig_file_in(root);
+  CaptureOptions options;
+  options.directory = sessions_in(root);
+  options.created = std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
+  options.estimator.thread_count = 1;
+  const auto job = CaptureJob::prepare(rig_file, options);
+  if (!job) return 1;
+  const hw_sim::LedgerWorld world;
+  hw_sim::InProcessRig rig(world,
+                           {rig_file.projector, rig_file.trigger, rig_file.camera, {}, {}, {}});
+  const CaptureResult result =
+      job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
+  return result.exit_code == ExitCode::kDone ? 0 : 1;
+}
+
 class KilledCapture : public testing::Test {
  protected:
   void SetUp() override {
     std::string name = (fs::temp_directory_path() / "ssrig_kill_XXXXXX").string();
     ASSERT_NE(::mkdtemp(name.data()), nullptr);
     root_ = name;
-    rig_file_ = ledger_rig_file();
-    rig_file_.path = root_ / "rig.toml";
-    rig_file_.calibration_file = root_ / "calibration.json";
-    std::ofstream(rig_file_.calibration_file) << kCalibration;
+    std::ofstream(rig_file_in(root_).calibration_file) << kCalibration;
     fs::create_directories(sessions());
   }
   void TearDown() override { fs::remove_all(root_); }
 
-  fs::path sessions() const { return root_ / "sessions"; }
-
-  // In a process of its own, which it ends.
-  [[noreturn]] void capture() const {
-    CaptureOptions options;
-    options.directory = sessions();
-    options.created = std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
-    options.estimator.thread_count = 1;
-    const auto job = CaptureJob::prepare(rig_file_, options);
-    if (!job) ::_exit(1);
-    const hw_sim::LedgerWorld world;
-    hw_sim::InProcessRig rig(
-        world, {rig_file_.projector, rig_file_.trigger, rig_file_.camera, {}, {}, {}});
-    const CaptureResult result =
-        job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
-    ::_exit(result.exit_code == ExitCode::kDone ? 0 : 1);
-  }
+  fs::path sessions() const { return sessions_in(root_); }
 
   // A capture that is killed after `life`; its wait status.
   int capture_for(milliseconds life) const {
-    const pid_t child = ::fork();
-    if (child == 0) capture();
+    std::string self = "/proc/self/exe", flag = "--capture", root = root_;
+    char* const arguments[] = {self.data(), flag.data(), root.data(), nullptr};
+    pid_t child = 0;
+    if (::posix_spawn(&child, self.c_str(), nullptr, nullptr, arguments, environ) != 0) return -1;
     const auto deadline = steady_clock::now() + life;
     int status = 0;
     while (steady_clock::now() < deadline) {
@@ -140,7 +152,6 @@ class KilledCapture : public testing::Test {
   }
 
   fs::path root_;
-  rig::RigFile rig_file_;
 };
 
 TEST_F(KilledCapture, LeavesOnlyWholeFilesAndNoEarlierSessionIsTouched) {
@@ -188,3 +199,9 @@ TEST_F(KilledCapture, LeavesOnlyWholeFilesAndNoEarlierSessionIsTouched) {
 
 }  // namespace
 }  // namespace capture
+
+int main(int argc, char** argv) {
+  if (argc == 3 && std::string(argv[1]) == "--capture") return capture::capture_in(argv[2]);
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
