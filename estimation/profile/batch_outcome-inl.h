@@ -22,8 +22,8 @@
 HWY_BEFORE_NAMESPACE();
 namespace estimation::HWY_NAMESPACE {
 
-// As in likelihood_pixel.cpp.
-constexpr float kGreatestLogVariance = 0.09F, kGreatestCondition = 1e5F;
+// As in fisher.cpp.
+constexpr float kGreatestLogVariance = 0.25F, kGreatestCondition = 1e5F;
 // Thresholds that single precision may see on the wrong side are for fit_pixel.
 constexpr float kMargin = 0.02F;
 struct Outcome {

@@ -39,7 +39,7 @@ constexpr float kGreatestRest = 1e-6F, kFirstLength = 1, kSlowestEnd = 0.25F;
 // search is. What a step leaves grows with its length and with how far the shape may be off: with
 // their product at most this (squared; lengths in standard deviations, the shape in t and ln l),
 // measured over a scene of skin, one pixel in a hundred is left more than 0.7 thousandths off.
-constexpr float kGreatestProduct = 2.25e-6F, kLongestLast = 0.09F;
+constexpr float kGreatestProduct = 2.5e-7F, kLongestLast = 0.09F;
 constexpr float kGreatestLogitStep = 1, kGreatestLogStep = 0.75F;
 constexpr int kMostSteps = 12;
 // Of a correction for bias, as in likelihood_pixel.cpp.
