@@ -132,7 +132,8 @@ Sight TargetWorld::Parts::look_at(const Target& target) const {
     for (int col = 0; col < width; ++col) {
       double reflectance = 0;
       for (int i = 0; i < kParts * kParts; ++i) {
-        // In rows and columns of their own: an edge along a row crosses 16 of them, not four at once.
+        // In rows and columns of their own: an edge along a row crosses 16 of them, not four at
+        // once.
         const int down = i / kParts, across = i % kParts;
         const double x = (across + (down + 0.5) / kParts) / kParts;
         const double y = (down + (across + 0.5) / kParts) / kParts;
