@@ -170,7 +170,7 @@ std::string fault_of(const BatchFit& fit, std::size_t i, bool is_free) {
           1.001 * std::sqrt(variance * covariance[covariance_index(b, b)]))
         return "a correlation above one";
   }
-  if (!(covariance[covariance_index(1, 1)] <= 0.0901)) return "l_d without being known";
+  if (!(covariance[covariance_index(1, 1)] <= 0.2501)) return "l_d without being known";
   return {};
 }
 
