@@ -197,6 +197,22 @@ TEST_F(KilledCapture, LeavesOnlyWholeFilesAndNoEarlierSessionIsTouched) {
   EXPECT_EQ(killed_count, kill_count()) << "captures were over before they were killed";
 }
 
+TEST_F(KilledCapture, ATornFileWouldBeNoticed) {
+  ASSERT_EQ(capture_for(std::chrono::minutes(5)), 0);
+  const fs::path session = *folders().begin();
+  EXPECT_THAT(incomplete_files(session), testing::IsEmpty());
+  std::size_t torn_count = 0;
+  for (const char* name : {"journal.jsonl", "maps/validity.exr"}) {
+    fs::resize_file(session / name, fs::file_size(session / name) - 3);
+    EXPECT_GE(incomplete_files(session).size(), ++torn_count) << name;
+  }
+  const auto manifest = estimation::read_manifest(session);
+  ASSERT_TRUE(manifest);
+  const fs::path frame = session / manifest->frames.front().file;
+  fs::resize_file(frame, fs::file_size(frame) - 3);
+  EXPECT_GE(incomplete_files(session).size(), ++torn_count);
+}
+
 }  // namespace
 }  // namespace capture
 
