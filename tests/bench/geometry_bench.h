@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -39,6 +40,9 @@ struct GeometrySession {
 };
 
 estimation::Result<GeometrySession> read_geometry_session(const std::filesystem::path& folder);
+
+// The least of `repeats` runs, wall time in ms.
+double least_ms(int repeats, const std::function<void()>& work);
 
 // Errors of maps against the truth, by the distance from the nearest border of material, surface or
 // light; in pictures, too.

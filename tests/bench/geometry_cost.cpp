@@ -16,17 +16,6 @@
 namespace bench {
 namespace {
 
-double least_ms(int repeats, const std::function<void()>& work) {
-  double least = std::numeric_limits<double>::infinity();
-  for (int i = 0; i < repeats; ++i) {
-    const auto begin = std::chrono::steady_clock::now();
-    work();
-    const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - begin;
-    least = std::min(least, took.count());
-  }
-  return least;
-}
-
 // Every sample of every frame once; returned so that nothing is left out.
 std::uint64_t read_bare(const GeometrySession& session) {
   std::atomic<std::uint64_t> total = 0;

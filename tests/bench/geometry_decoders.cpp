@@ -22,17 +22,6 @@ using estimation::Image;
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-double least_ms(int repeats, const std::function<void()>& work) {
-  double least = std::numeric_limits<double>::infinity();
-  for (int i = 0; i < repeats; ++i) {
-    const auto begin = std::chrono::steady_clock::now();
-    work();
-    const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - begin;
-    least = std::min(least, took.count());
-  }
-  return least;
-}
-
 // The frames of one exposure in the order OpenCV's decoder wants them, as it wants them: 8 bits.
 class OpenCvDecoder {
  public:

@@ -1,5 +1,8 @@
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <functional>
+#include <limits>
 #include <utility>
 
 #include "estimation/radiometry/merge.h"
@@ -84,6 +87,17 @@ std::vector<estimation::PatternSignal> GeometrySignals::views() const {
   std::vector<estimation::PatternSignal> signals;
   for (std::size_t i = 0; i < images.size(); ++i) signals.push_back({kinds[i], images[i].view()});
   return signals;
+}
+
+double least_ms(int repeats, const std::function<void()>& work) {
+  double least = std::numeric_limits<double>::infinity();
+  for (int i = 0; i < repeats; ++i) {
+    const auto begin = std::chrono::steady_clock::now();
+    work();
+    const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - begin;
+    least = std::min(least, took.count());
+  }
+  return least;
 }
 
 }  // namespace bench
