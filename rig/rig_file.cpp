@@ -309,6 +309,7 @@ void read_sequence(Section& section, SequenceSettings& sequence) {
   section.integer("reopen_deadline_ms", 0, 600000, into(sequence.reopen_deadline));
   section.choice<bool>("order", {{"plan", false}, {"shuffled", true}},
                        [&](bool value) { sequence.is_shuffled = value; });
+  section.integer("repeat_every", 0, 1000, into(sequence.repeat_every));
   section.report_unknown();
 }
 

@@ -32,6 +32,9 @@ struct SequenceSettings {
   // For a lost device to come back during a capture; 0: the capture fails at once.
   std::chrono::milliseconds reopen_deadline{30'000};
   bool is_shuffled = false;  // order of the stripe shifts (estimation.md section 4)
+  // The first pattern is shown again after every so many, and at the end, to see whether subject
+  // and light have stayed as they were; 0: never. 22 costs 4 showings of the paper's 88.
+  int repeat_every = 22;
 };
 
 struct StorageSettings {
