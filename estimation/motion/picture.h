@@ -1,0 +1,35 @@
+// A frame made ready for comparison: binned to one value per cell, black removed. Private to
+// estimation/motion.
+#pragma once
+
+#include <cstdint>
+
+#include "estimation/base/image.h"
+#include "estimation/session/manifest.h"
+
+namespace estimation {
+
+struct Picture {
+  int bin_px = 1;                  // side of a cell in the frame's px
+  Image<float> light;              // [row][col] DN above black, mean of the cell's samples
+  Image<unsigned char> is_usable;  // 1 where no sample of the cell is clipped
+};
+
+// Cells are as large as gives at most 640 of them in a row, and whole Bayer quads.
+Picture make_picture(const CameraInfo& camera, ImageView<const std::uint16_t> frame_dn);
+
+struct CellShift {
+  double row = 0, col = 0;
+};
+
+// light(row + shift.row, col + shift.col) under a Gaussian of at least one cell: so wide, its
+// samples at any fraction of a cell are as good as itself, and the shift is exact. Borders repeat.
+Image<float> smoothed(const Image<float>& light, double sigma_cells, const CellShift& shift = {});
+
+// Where `second` shows what `first` does, by phase correlation: whole cells, for a start.
+CellShift coarse_shift(const Image<float>& first, const Image<float>& second);
+
+// Cells at least `margin_cells` from any that is not usable and from the border.
+Image<unsigned char> shrunk(const Image<unsigned char>& is_usable, int margin_cells);
+
+}  // namespace estimation
