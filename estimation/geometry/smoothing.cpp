@@ -149,7 +149,7 @@ struct FilterKernels {
   int radius = 0;
   std::vector<float> plain, first, second;  // g, g x, g x^2; [offset + radius]
   float a = 0, b = 0, s = 0;
-  float noise_gain = 0;
+  float noise_gain = 0, slope_gain = 0;
 };
 
 FilterKernels make_kernels(int radius_px) {
@@ -172,17 +172,19 @@ FilterKernels make_kernels(int radius_px) {
   const double a = (m4 * m0 + m2 * m2) / determinant;
   const double b = -m2 * m0 / determinant;
   const double* weight_at = weights.data() + radius_px;  // [-radius_px ... radius_px]
-  double squares = 0;
+  double squares = 0, slope_squares = 0;
   for (int y = -radius_px; y <= radius_px; ++y) {
     for (int x = -radius_px; x <= radius_px; ++x) {
       const double h = weight_at[x] * weight_at[y] * (a + b * (x * x + y * y));
       squares += h * h;
+      slope_squares += std::pow(weight_at[x] * weight_at[y] * x / (m0 * m2), 2);
     }
   }
   kernels.a = static_cast<float>(a);
   kernels.b = static_cast<float>(b);
   kernels.s = static_cast<float>(1 / (m0 * m2));
   kernels.noise_gain = static_cast<float>(std::sqrt(squares));
+  kernels.slope_gain = static_cast<float>(std::sqrt(slope_squares));
   return kernels;
 }
 
@@ -243,6 +245,7 @@ void filter_band(const Prepared& prepared, const FilterKernels& kernels, int beg
       fit.by_col.at(row, c) = by_col[col];
       fit.by_row.at(row, c) = by_row[col];
       fit.noise_gain.at(row, c) = kernels.noise_gain;
+      fit.slope_gain.at(row, c) = kernels.slope_gain;
     }
   }
 }
@@ -290,7 +293,7 @@ std::vector<FitPoint> connected_points(const DepthMap& depth, const Neighbours& 
 }
 
 struct PointFit {
-  double value = 0, by_x = 0, by_y = 0, noise_gain = 0;
+  double value = 0, by_x = 0, by_y = 0, noise_gain = 0, slope_gain = 0;
   bool is_valid = false;
 };
 
@@ -315,16 +318,17 @@ PointFit fit_polynomial(const std::vector<FitPoint>& points, double scale) {
   bool is_regular = false;
   const cv::Matx<double, kTerms, kTerms> inverse = normal.inv(cv::DECOMP_CHOLESKY, &is_regular);
   const Vector solution = inverse * right;
-  PointFit fit{points.front().inverse + solution[0], solution[1] / scale, solution[2] / scale, 0,
-               is_regular};
-  double squares = 0;
+  PointFit fit{.value = points.front().inverse + solution[0],
+               .by_x = solution[1] / scale,
+               .by_y = solution[2] / scale,
+               .is_valid = is_regular};
+  Vector squares;  // of what a point does to each coefficient
   for (const FitPoint& point : points) {
-    double influence = 0;
-    const Vector terms = basis(point);
-    for (int i = 0; i < kTerms; ++i) influence += inverse(0, i) * terms[i];
-    squares += std::pow(influence * point.weight, 2);
+    const Vector influence = point.weight * (inverse * basis(point));
+    squares += influence.mul(influence);
   }
-  fit.noise_gain = std::sqrt(squares);
+  fit.noise_gain = std::sqrt(squares[0]);
+  fit.slope_gain = std::sqrt((squares[1] + squares[2]) / 2) / scale;
   // A centre that extrapolates more than it averages is no fit.
   fit.is_valid = fit.is_valid && fit.noise_gain <= 1 && std::isfinite(fit.value);
   return fit;
@@ -347,6 +351,7 @@ void store(const PointFit& fit, int row, int col, LocalFit& out) {
   out.by_col.at(row, col) = fit.is_valid ? static_cast<float>(fit.by_x) : kNaN;
   out.by_row.at(row, col) = fit.is_valid ? static_cast<float>(fit.by_y) : kNaN;
   out.noise_gain.at(row, col) = fit.is_valid ? static_cast<float>(fit.noise_gain) : kNaN;
+  out.slope_gain.at(row, col) = fit.is_valid ? static_cast<float>(fit.slope_gain) : kNaN;
 }
 
 }  // namespace
@@ -359,7 +364,7 @@ LocalFit fit_locally(const DepthMap& depth, const FitOptions& options) {
   const SumTable missing(prepared.is_missing), jumps(prepared.is_jump);
   LocalFit fit;
   for (Image<float>* image :
-       {&fit.inverse_depth_per_mm, &fit.by_col, &fit.by_row, &fit.noise_gain}) {
+       {&fit.inverse_depth_per_mm, &fit.by_col, &fit.by_row, &fit.noise_gain, &fit.slope_gain}) {
     *image = Image<float>(height, width, 1, kNaN);
   }
   fit.is_near_discontinuity = Image<unsigned char>(height, width);

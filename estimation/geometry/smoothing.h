@@ -22,6 +22,7 @@ struct LocalFit {
   Image<float> inverse_depth_per_mm;
   Image<float> by_col, by_row;  // its derivatives, 1/(mm px)
   Image<float> noise_gain;      // standard deviation after over before
+  Image<float> slope_gain;      // that of a derivative over before, 1/px; mean of the two axes
   Image<unsigned char> is_near_discontinuity;
 };
 

@@ -152,7 +152,8 @@ std::optional<SurfacePoint> describe_point(const Stereo& stereo, const Stereo::R
   return point;
 }
 
-void store(const SurfacePoint& point, double sd_mm, int row, int col, Surface& out) {
+void store(const SurfacePoint& point, double sd_mm, double tilt_sd_rad, int row, int col,
+           Surface& out) {
   for (std::size_t i = 0; i < 3; ++i) {
     out.position_mm[i].at(row, col) = static_cast<float>(point.position_mm[static_cast<int>(i)]);
     out.normal[i].at(row, col) = static_cast<float>(point.normal[static_cast<int>(i)]);
@@ -163,6 +164,7 @@ void store(const SurfacePoint& point, double sd_mm, int row, int col, Surface& o
   out.cos_camera.at(row, col) = static_cast<float>(point.cos_camera);
   out.projector_distance_mm.at(row, col) = static_cast<float>(point.projector_distance_mm);
   out.position_sd_mm.at(row, col) = static_cast<float>(sd_mm);
+  out.tilt_sd_rad.at(row, col) = static_cast<float>(tilt_sd_rad);
 }
 
 void finish_pixel(const Stereo& stereo, const RawDepth& raw, const LocalFit& fit,
@@ -188,7 +190,11 @@ void finish_pixel(const Stereo& stereo, const RawDepth& raw, const LocalFit& fit
   if (fit.is_near_discontinuity.at(row, col)) validity |= kNearDiscontinuity;
   const double gain = is_smoothed ? double{fit.noise_gain.at(row, col)} : 1;
   const double sd_mm = gain * double{raw.relative_sd.at(row, col)} * cv::norm(point->position_mm);
-  store(*point, sd_mm, row, col, out);
+  // The normal's vector (normal_of) is as long as inverse depth over its part along the ray.
+  const double tilt_sd_rad = double{fit.slope_gain.at(row, col)} *
+                             double{raw.relative_sd.at(row, col)} * stereo.camera_focal_px() *
+                             cv::norm(ray->direction) * point->cos_camera;
+  store(*point, sd_mm, tilt_sd_rad, row, col, out);
 }
 
 Surface empty_surface(const Image<std::uint32_t>& validity) {
@@ -196,8 +202,9 @@ Surface empty_surface(const Image<std::uint32_t>& validity) {
   const Image<float> nothing(validity.height_px(), validity.width_px(), 1, kNaN);
   out.position_mm.fill(nothing);
   out.normal.fill(nothing);
-  for (Image<float>* image : {&out.column_pitch_mm, &out.row_pitch_mm, &out.cos_projector,
-                              &out.cos_camera, &out.projector_distance_mm, &out.position_sd_mm}) {
+  for (Image<float>* image :
+       {&out.column_pitch_mm, &out.row_pitch_mm, &out.cos_projector, &out.cos_camera,
+        &out.projector_distance_mm, &out.position_sd_mm, &out.tilt_sd_rad}) {
     *image = nothing;
   }
   out.validity = validity;

@@ -38,6 +38,7 @@ struct Surface {
   Image<float> cos_camera;
   Image<float> projector_distance_mm;  // from the projector's centre
   Image<float> position_sd_mm;         // after smoothing, along the camera's ray
+  Image<float> tilt_sd_rad;            // of the normal, about any axis across it, by noise
   // Validity: the correspondence's errors, kNoCorrespondence (axes disagree, behind a device, too
   // uncertain), kGrazingProjector, kGrazingCamera; warning kNearDiscontinuity.
   Image<std::uint32_t> validity;

@@ -102,7 +102,8 @@ double quantile(std::vector<double> values, double share) {
 
 struct Errors {
   std::vector<double> position_mm, normal_rad;
-  double normalized_square_sum = 0;  // of the error along the ray over its sd
+  double normalized_square_sum = 0;       // of the error along the ray over its sd
+  double normalized_tilt_square_sum = 0;  // of the normal's about either axis over its sd
 };
 
 // Over valid pixels, warned ones left out if asked.
@@ -120,6 +121,8 @@ Errors errors_of(const Surface& surface, const Truth& truth, bool without_warnin
       errors.normal_rad.push_back(angle_rad(vector_at(surface.normal, row, col), truth.normal[i]));
       errors.normalized_square_sum +=
           std::pow(cv::norm(off) / double{surface.position_sd_mm.at(row, col)}, 2);
+      errors.normalized_tilt_square_sum +=
+          std::pow(errors.normal_rad.back() / double{surface.tilt_sd_rad.at(row, col)}, 2) / 2;
     }
   }
   return errors;
@@ -166,6 +169,9 @@ TEST(Surface, NormalsAreGoodToADegreeUnderNoiseAtBothResolutions) {
     const double normalized_rms =
         std::sqrt(errors.normalized_square_sum / static_cast<double>(errors.position_mm.size()));
     EXPECT_NEAR(normalized_rms, 1, 0.25);
+    EXPECT_NEAR(std::sqrt(errors.normalized_tilt_square_sum /
+                          static_cast<double>(errors.normal_rad.size())),
+                1, 0.25);
   }
 }
 
