@@ -5,14 +5,18 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
-#include <tuple>
+#include <optional>
 #include <utility>
 
 #include "estimation/base/check.h"
+#include "estimation/geometry/clear_pixels.h"
+#include "estimation/geometry/combining.h"
 #include "estimation/geometry/pattern_plan.h"
 #include "estimation/geometry/row_reader.h"
+#include "estimation/geometry/signal_rows.h"
 #include "estimation/geometry/support.h"
 
 namespace estimation {
@@ -20,13 +24,6 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-// Two phases of one pixel agree within this many standard deviations plus the slack, or are not
-// combined; light that enters obliquely comes out shifted by up to a px.
-constexpr double kAgreementSd = 4;
-constexpr double kAgreementSlackPx = 1;
-// No phase counts as better than this, whatever the noise options say.
-constexpr double kLeastSdPx = 1e-3;
-
 // Scratch of one worker.
 struct Workspace {
   RowReader reader;
@@ -89,7 +86,7 @@ Decoded combine_phases(double position_px, std::span<const PhaseReading> phases)
   for (const PhaseReading& phase : phases) {
     const double period_px = double{phase.period_px};
     const double residual_px = std::remainder(double{phase.position_px} - position_px, period_px);
-    const double sd_px = std::hypot(double{phase.sd_px}, kLeastSdPx);
+    const double sd_px = std::hypot(double{phase.sd_px}, double{kLeastSdPx});
     const double agreement_px = kAgreementSd * std::hypot(sd_px, primary_sd_px) + kAgreementSlackPx;
     if (std::abs(residual_px) > agreement_px) {
       if (std::abs(residual_px) > period_px / 4) return {kNaN, kNaN, kNoCorrespondence};
@@ -159,25 +156,31 @@ Decoded decode_axis(const AxisPlan& plan, const AxisRow& rows, std::size_t col,
 
 // --- the image ----------------------------------------------------------------------------------
 
+// One axis of the result.
+struct AxisImages {
+  const AxisPlan& plan;
+  Image<float>& position_px;
+  Image<float>& sd_px;
+  std::optional<ClearCode> clear_code;
+};
+
 class Decoder {
  public:
-  Decoder(const PatternPlan& plan, const ProjectorInfo& projector,
-          const CorrespondenceOptions& options, std::span<const PatternSignal> signals,
-          Correspondence& out)
-      : plan_(plan),
-        projector_(projector),
+  Decoder(const PatternPlan& plan, const SignalSet& signals, const ProjectorInfo& projector,
+          const CorrespondenceOptions& options, Correspondence& out)
+      : projector_(projector),
         options_(options),
+        column_{plan.column, out.column_px, out.column_sd_px, find_clear_code(plan.column)},
+        row_{plan.row, out.row_px, out.row_sd_px, find_clear_code(plan.row)},
         out_(out),
-        workspaces_([&plan, &options] { return Workspace{RowReader(plan, options)}; }) {
-    const ImageView<const float>& signal = signals[0].signal;
-    out.validity = Image<std::uint32_t>(signal.height_px, signal.width_px);
-    modulation_ = Image<float>(signal.height_px, signal.width_px);
-    for (const auto& [axis, position, sd] :
-         {std::tuple(&plan.column, &out.column_px, &out.column_sd_px),
-          std::tuple(&plan.row, &out.row_px, &out.row_sd_px)}) {
-      if (!axis->is_decodable) continue;
-      *position = Image<float>(signal.height_px, signal.width_px, 1, kNaN);
-      *sd = Image<float>(signal.height_px, signal.width_px, 1, kNaN);
+        workspaces_(
+            [&plan, &signals, &options] { return Workspace{RowReader(plan, signals, options)}; }) {
+    out.validity = Image<std::uint32_t>(signals.height_px, signals.width_px);
+    modulation_ = Image<float>(signals.height_px, signals.width_px);
+    for (AxisImages* axis : {&column_, &row_}) {
+      if (!axis->plan.is_decodable) continue;
+      axis->position_px = Image<float>(signals.height_px, signals.width_px, 1, kNaN);
+      axis->sd_px = Image<float>(signals.height_px, signals.width_px, 1, kNaN);
     }
   }
 
@@ -185,19 +188,24 @@ class Decoder {
     Workspace& work = workspaces_.local();
     for (int row = begin; row < end; ++row) {
       work.reader.read(row);
-      const int width = out_.validity.width_px();
-      for (int col = 0; col < work.reader.lit_begin(); ++col) leave_dark(row, col, work.reader);
-      for (int col = work.reader.lit_begin(); col < work.reader.lit_end(); ++col)
-        decode_pixel(row, col, work);
-      for (int col = work.reader.lit_end(); col < width; ++col) leave_dark(row, col, work.reader);
+      const int lit_begin = work.reader.lit_begin(), lit_end = work.reader.lit_end();
+      const std::uint32_t unlit =
+          column_.plan.is_decodable || row_.plan.is_decodable ? std::uint32_t{kBackground} : 0U;
+      const std::span<std::uint32_t> validity = out_.validity.view().row(row);
+      std::fill(validity.begin(), validity.begin() + lit_begin, unlit);
+      std::fill(validity.begin() + lit_end, validity.end(), unlit);
+      decode_axis_row(column_, work.reader.column(), row, work);
+      decode_axis_row(row_, work.reader.row(), row, work);
+      for (int col = lit_begin; col < lit_end; ++col) judge_pixel(row, col, work.reader);
     }
   }
 
   // Stray light: lit so weakly beside the rest that it is not the subject.
   void reject_stray_light() {
+    constexpr std::size_t kStride = 7;  // a seventh of the pixels tells a percentile
     std::vector<float> values;
-    for (const float value : modulation_.samples()) {
-      if (value > 0) values.push_back(value);
+    for (std::size_t i = 0; i < modulation_.samples().size(); i += kStride) {
+      if (modulation_.samples()[i] > 0) values.push_back(modulation_.samples()[i]);
     }
     if (values.empty()) return;
     const auto rank = values.begin() + static_cast<std::ptrdiff_t>(values.size() * 99 / 100);
@@ -209,46 +217,51 @@ class Decoder {
   }
 
  private:
-  void leave_dark(int row, int col, const RowReader& reader) {
-    const auto i = static_cast<std::size_t>(col);
-    if (plan_.column.is_decodable) modulation_.at(row, col) = reader.column().contrast[i];
-    if (plan_.row.is_decodable)
-      modulation_.at(row, col) = std::max(modulation_.at(row, col), reader.row().contrast[i]);
-    const bool is_decodable = plan_.column.is_decodable || plan_.row.is_decodable;
-    out_.validity.at(row, col) = is_decodable ? std::uint32_t{kBackground} : 0U;
+  // Clear pixels by vectors, the others one by one.
+  void decode_axis_row(AxisImages& axis, const AxisRow& rows, int row, Workspace& work) {
+    if (!axis.plan.is_decodable) return;
+    const auto begin = static_cast<std::size_t>(work.reader.lit_begin());
+    const auto end = static_cast<std::size_t>(work.reader.lit_end());
+    const std::span<float> position_px = axis.position_px.view().row(row);
+    const std::span<float> sd_px = axis.sd_px.view().row(row);
+    const std::span<float> modulation = modulation_.view().row(row);
+    const std::span<std::uint32_t> validity = out_.validity.view().row(row);
+    for (std::size_t col = 0; col < modulation.size(); ++col)
+      modulation[col] = std::max(modulation[col], rows.contrast[col]);
+    if (axis.clear_code)
+      decode_clear(
+          *axis.clear_code, rows,
+          {static_cast<float>(options_.min_modulation_sd), static_cast<float>(options_.max_sd_px)},
+          begin, end, position_px.data(), sd_px.data());
+    for (std::size_t col = begin; col < end; ++col) {
+      if (!std::isnan(position_px[col])) continue;
+      float found_modulation = 0;
+      const Decoded found = decode_axis(axis.plan, rows, col, options_, work, found_modulation);
+      position_px[col] = found.position_px;
+      sd_px[col] = found.sd_px;
+      validity[col] |= found.error;
+      modulation[col] = std::max(modulation[col], found_modulation);
+    }
   }
 
-  void decode_pixel(int row, int col, Workspace& work) {
-    const auto i = static_cast<std::size_t>(col);
-    Decoded column, line;
-    float modulation = 0;
-    if (plan_.column.is_decodable) {
-      column = decode_axis(plan_.column, work.reader.column(), i, options_, work, modulation);
-      modulation_.at(row, col) = modulation;
-      out_.column_px.at(row, col) = column.position_px;
-      out_.column_sd_px.at(row, col) = column.sd_px;
-    }
-    if (plan_.row.is_decodable) {
-      line = decode_axis(plan_.row, work.reader.row(), i, options_, work, modulation);
-      modulation_.at(row, col) = std::max(modulation, modulation_.at(row, col));
-      out_.row_px.at(row, col) = line.position_px;
-      out_.row_sd_px.at(row, col) = line.sd_px;
-    }
-    std::uint32_t error = column.error | line.error;
-    if (in_sync_square(column.position_px, line.position_px)) error |= kNoCorrespondence;
-    if (error != 0 && work.reader.has_lost_samples(col)) error = kSaturated;
-    out_.validity.at(row, col) = error;
+  void judge_pixel(int row, int col, const RowReader& reader) {
+    std::uint32_t& error = out_.validity.at(row, col);
+    if (projector_.sync_square && is_in_sync_square(row, col)) error |= kNoCorrespondence;
+    if (error != 0 && reader.has_lost_samples(col)) error = kSaturated;
   }
 
-  bool in_sync_square(float column_px, float row_px) const {
-    if (!projector_.sync_square || std::isnan(column_px) || std::isnan(row_px)) return false;
+  bool is_in_sync_square(int row, int col) const {
+    if (!column_.plan.is_decodable || !row_.plan.is_decodable) return false;
+    const float column_px = column_.position_px.at(row, col),
+                row_px = row_.position_px.at(row, col);
+    if (std::isnan(column_px) || std::isnan(row_px)) return false;
     return projector_.sync_square->contains(static_cast<int>(std::lround(row_px)),
                                             static_cast<int>(std::lround(column_px)));
   }
 
-  const PatternPlan& plan_;
   const ProjectorInfo& projector_;
   const CorrespondenceOptions& options_;
+  AxisImages column_, row_;
   Correspondence& out_;
   Image<float> modulation_;
   oneapi::tbb::enumerable_thread_specific<Workspace> workspaces_;
@@ -278,18 +291,12 @@ void blank_invalid(Correspondence& out) {
 Correspondence decode_correspondence(std::span<const PatternSignal> signals,
                                      const ProjectorInfo& projector,
                                      const CorrespondenceOptions& options) {
-  check(!signals.empty(), "correspondence of no signals");
   check(!options.noise.empty(), "correspondence without a noise range");
-  for (const PatternSignal& signal : signals) {
-    check(signal.signal.height_px == signals[0].signal.height_px &&
-              signal.signal.width_px == signals[0].signal.width_px &&
-              signal.signal.channel_count == 1,
-          "signals of different sizes");
-  }
   Correspondence out;
-  PatternPlan plan = plan_patterns(signals, projector, options);
+  const SignalSet set = collect_signals(signals, options);
+  PatternPlan plan = plan_patterns(set, projector, options);
   out.notes = std::move(plan.notes);
-  Decoder decoder(plan, projector, options, signals, out);
+  Decoder decoder(plan, set, projector, options, out);
   const auto rows = oneapi::tbb::blocked_range<int>(0, out.validity.height_px(), 8);
   oneapi::tbb::parallel_for(rows, [&](const oneapi::tbb::blocked_range<int>& range) {
     decoder.decode_rows(range.begin(), range.end());

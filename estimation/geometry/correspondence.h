@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "estimation/base/image.h"
+#include "estimation/radiometry/merge.h"
 #include "estimation/radiometry/noise.h"
 #include "estimation/session/manifest.h"
 #include "estimation/session/maps.h"
@@ -20,16 +21,23 @@ namespace estimation {
 //   a
 //           pixel: a Bayer site's own colour, one band (or the bands' mean) of an RGB frame; NaN
 //           where no exposure was usable (saturated)
-// Patterns may come in any order, any subset of them; two signals of the same pattern are averaged.
+//   frames  or the pattern's frames instead, any exposures, one sample a pixel: they are merged on
+//           the way, as merge_brackets would without a flat field, and need no memory of their own
+// Patterns may come in any order, any subset of them; two signals of the same pattern are averaged,
+// frames of the same pattern are one bracket.
 struct PatternSignal {
   const PatternKind* kind = nullptr;
   ImageView<const float> signal;
+  std::span<const ExposedFrame> frames = {};
 };
 
 struct CorrespondenceOptions {
   // As merged_noise() makes it; at least one entry. All zero is allowed: then the standard
   // deviations are the systematic part alone.
   std::vector<MergedNoise> noise{MergedNoise{}};
+  // The camera's, where frames are given: its black, and the level from which a sample is lost.
+  const CameraBlack* black = nullptr;
+  double saturation_dn = 0;
   // Lit: the projector's modulation is this many standard deviations, and this share of the 99th
   // percentile of all pixels' modulations (stray light at the far wall is not the subject).
   double min_modulation_sd = 5;

@@ -11,47 +11,7 @@
 namespace estimation {
 namespace {
 
-using View = ImageView<const float>;
-
-Image<float> average(const std::vector<View>& views) {
-  Image<float> mean(views[0].height_px, views[0].width_px);
-  const float weight = 1.0F / static_cast<float>(views.size());
-  for (const View& view : views) {
-    for (int row = 0; row < view.height_px; ++row) {
-      const auto from = view.row(row);
-      const auto to = mean.view().row(row);
-      for (std::size_t col = 0; col < to.size(); ++col) to[col] += weight * from[col];
-    }
-  }
-  return mean;
-}
-
-// Each pattern once: a pattern with several signals is averaged into `averages`.
-std::vector<PatternSignal> merge_repeated(std::span<const PatternSignal> signals,
-                                          std::vector<Image<float>>& averages) {
-  std::vector<std::pair<const PatternKind*, std::vector<View>>> groups;
-  for (const PatternSignal& signal : signals) {
-    const auto same = std::find_if(groups.begin(), groups.end(),
-                                   [&](const auto& group) { return *group.first == *signal.kind; });
-    if (same != groups.end()) {
-      same->second.push_back(signal.signal);
-    } else {
-      groups.push_back({signal.kind, {signal.signal}});
-    }
-  }
-  std::vector<PatternSignal> merged;
-  for (const auto& [kind, views] : groups) {
-    if (views.size() == 1) {
-      merged.push_back({kind, views[0]});
-    } else {
-      averages.push_back(average(views));
-      merged.push_back({kind, std::as_const(averages.back()).view()});
-    }
-  }
-  return merged;
-}
-
-void add_bit(const GrayCode& code, View signal, std::vector<BitSource>& bits) {
+void add_bit(const GrayCode& code, std::size_t signal, std::vector<BitSource>& bits) {
   auto place = std::find_if(bits.begin(), bits.end(),
                             [&](const BitSource& source) { return source.bit == code.bit; });
   if (place == bits.end()) place = bits.insert(bits.end(), BitSource{code.bit, {}, {}});
@@ -64,7 +24,7 @@ constexpr double kLargestPeriodFrac = 4;  // of the projector's size
 using FamilyKey = std::pair<double, int>;
 struct Samples {
   std::vector<double> shift_px;
-  std::vector<View> signals;
+  std::vector<std::size_t> signals;
 };
 using FamilyMap = std::map<FamilyKey, Samples, std::greater<>>;
 
@@ -203,12 +163,13 @@ void judge(const std::string& axis_name, AxisPlan& plan, const CorrespondenceOpt
   }
 }
 
-AxisPlan plan_axis(Axis axis, int size_px, std::span<const PatternSignal> signals,
+AxisPlan plan_axis(Axis axis, int size_px, const SignalSet& set,
                    const CorrespondenceOptions& options, std::vector<std::string>& notes) {
   AxisPlan plan;
   plan.size_px = size_px;
   FamilyMap samples;
-  for (const auto& [kind, signal] : signals) {
+  for (std::size_t signal = 0; signal < set.sources.size(); ++signal) {
+    const PatternKind* kind = set.sources[signal].kind;
     if (const auto* code = std::get_if<GrayCode>(kind); code && code->axis == axis) {
       add_bit(*code, signal, plan.bits);
     } else if (const auto* stripes = std::get_if<Stripes>(kind); stripes && stripes->axis == axis) {
@@ -230,16 +191,15 @@ AxisPlan plan_axis(Axis axis, int size_px, std::span<const PatternSignal> signal
 
 }  // namespace
 
-PatternPlan plan_patterns(std::span<const PatternSignal> signals, const ProjectorInfo& projector,
+PatternPlan plan_patterns(const SignalSet& signals, const ProjectorInfo& projector,
                           const CorrespondenceOptions& options) {
   PatternPlan plan;
-  const std::vector<PatternSignal> merged = merge_repeated(signals, plan.averages);
-  for (const auto& [kind, signal] : merged) {
-    if (std::holds_alternative<White>(*kind)) plan.white = signal;
-    if (std::holds_alternative<Black>(*kind)) plan.black = signal;
+  for (std::size_t i = 0; i < signals.sources.size(); ++i) {
+    if (std::holds_alternative<White>(*signals.sources[i].kind)) plan.white = i;
+    if (std::holds_alternative<Black>(*signals.sources[i].kind)) plan.black = i;
   }
-  plan.column = plan_axis(Axis::kColumn, projector.width_px, merged, options, plan.notes);
-  plan.row = plan_axis(Axis::kRow, projector.height_px, merged, options, plan.notes);
+  plan.column = plan_axis(Axis::kColumn, projector.width_px, signals, options, plan.notes);
+  plan.row = plan_axis(Axis::kRow, projector.height_px, signals, options, plan.notes);
   return plan;
 }
 

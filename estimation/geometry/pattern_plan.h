@@ -6,22 +6,22 @@
 #include <string>
 #include <vector>
 
-#include "estimation/base/image.h"
 #include "estimation/geometry/correspondence.h"
 #include "estimation/geometry/period.h"
 #include "estimation/geometry/phase.h"
+#include "estimation/geometry/signal_rows.h"
 
 namespace estimation {
 
 struct BitSource {
   int bit = 0;
-  ImageView<const float> plain, inverse;  // either may be empty
+  std::optional<std::size_t> plain, inverse;  // signals; at least one
 };
 
 struct FamilySource {
   PhaseFamily family;
-  std::vector<ImageView<const float>> signals;  // [shift]
-  Demodulation weights;                         // for all shifts
+  std::vector<std::size_t> signals;  // [shift]
+  Demodulation weights;              // for all shifts
   PeriodChooser chooser;
   // The first harmonic's amplitude of an unblurred pattern that goes from 0 to 1.
   double amplitude_frac = 0;
@@ -36,13 +36,13 @@ struct AxisPlan {
 
 struct PatternPlan {
   AxisPlan column, row;
-  ImageView<const float> white, black;  // either may be empty
-  std::vector<Image<float>> averages;   // of signals given more than once; views point in here
+  std::optional<std::size_t> white, black;  // signals
   std::vector<std::string> notes;
 };
 
-// Patterns that say nothing about the correspondence (images) are left out.
-PatternPlan plan_patterns(std::span<const PatternSignal> signals, const ProjectorInfo& projector,
+// Patterns that say nothing about the correspondence (images) are left out. Signals by their place
+// in `signals`.
+PatternPlan plan_patterns(const SignalSet& signals, const ProjectorInfo& projector,
                           const CorrespondenceOptions& options);
 
 }  // namespace estimation

@@ -9,10 +9,6 @@ namespace estimation {
 namespace {
 
 constexpr double kBinsPerPx = 2;
-// Half the width of a blurred transition. Skin's mean free path is 2 to 7 px, and a bit four px
-// from its transition must count fully, because one of the two bits that tell neighbouring periods
-// of 16 apart may be no farther from its own.
-constexpr double kRampPx = 4;
 // How far a bit's contrast may be from the soft one, as a standard deviation: blur varies.
 constexpr float kModelVariance = 0.35F * 0.35F;
 // A phase contradicting by more than 3.5 standard deviations counts as 3.5: it may be the wrong
@@ -37,7 +33,7 @@ double soft_gray_bit(int bit, double position_px) {
   const double in_period = wrap(position_px + 0.5, 4 * run_px);
   const double past_centre = std::abs(in_period - 2 * run_px);  // the lit run's centre
   const double inside_px = run_px - past_centre;                // of the lit run; negative outside
-  const double ramp_px = std::min(kRampPx, run_px);
+  const double ramp_px = std::min(double{kGrayRampPx}, run_px);
   return std::clamp(inside_px / ramp_px, -1.0, 1.0);
 }
 

@@ -6,6 +6,11 @@
 
 namespace estimation {
 
+// Half the width of a blurred transition. Skin's mean free path is 2 to 7 px, and a bit four px
+// from its transition must count fully, because one of the two bits that tell neighbouring periods
+// of 16 apart may be no farther from its own.
+inline constexpr float kGrayRampPx = 4;
+
 // What a blurred Gray-code bit looks like at projector coordinate `position_px`: -1 (dark) to 1
 // (lit), 0 at a transition, ramps as wide as skin's blur.
 double soft_gray_bit(int bit, double position_px);

@@ -9,6 +9,8 @@
 
 #include "estimation/geometry/correspondence.h"
 #include "estimation/geometry/pattern_plan.h"
+#include "estimation/geometry/row_kernels.h"
+#include "estimation/geometry/signal_rows.h"
 
 namespace estimation {
 
@@ -29,15 +31,17 @@ struct AxisRow {
   std::vector<FamilyRow> families;
 };
 
-// Scratch of one worker: it allocates at its first row only. Not thread-safe; borrows its plan.
+// Scratch of one worker: it allocates at its first row only. Not thread-safe; borrows its plan and
+// signals.
 class RowReader {
  public:
-  RowReader(const PatternPlan& plan, const CorrespondenceOptions& options);
+  RowReader(const PatternPlan& plan, const SignalSet& signals,
+            const CorrespondenceOptions& options);
 
   void read(int row);
 
-  // What the last row said. Pairs of bits and families have been read for lit_begin() <= col <
-  // lit_end() alone: elsewhere no bit has a contrast worth the name.
+  // What the last row said. Families have been read for lit_begin() <= col < lit_end() alone:
+  // elsewhere no bit has a contrast worth the name.
   const AxisRow& column() const { return column_; }
   const AxisRow& row() const { return row_; }
   int lit_begin() const { return lit_begin_; }
@@ -45,44 +49,38 @@ class RowReader {
   bool has_lost_samples(int col) const { return lost_[static_cast<std::size_t>(col)] != 0; }
 
  private:
-  // MergedNoise in single precision, for the inner loops.
-  struct NoiseRange {
-    float up_to_dn_per_us = 0, read_variance = 0, shot_dn_per_us = 0;
-  };
   struct Phasor {
     float mean = 0, cosine = 0, sine = 0;
     float cos_cos = 0, cos_sin = 0, sin_sin = 0;  // covariance of cosine and sine
     double aliasing_px = 0;
   };
 
+  SampleNoise noise() const { return {ranges_, saturation_dn_}; }
   float variance_of(float signal) const;
-  void read_variance(const float* samples, std::size_t begin, std::size_t end,
-                     float* variance) const;
-  void note_lost(int row);
-  void find_contrast(const AxisPlan& plan, int row, AxisRow& out);
-  void read_bits(const AxisPlan& plan, int row, AxisRow& out);
-  void read_pair(const BitSource& source, int row, Row& value, Row& variance);
-  void read_single(const BitSource& source, int row, Row& value, Row& variance);
+  void read_bits(const AxisPlan& plan, AxisRow& out);
+  void read_singles(const AxisPlan& plan, AxisRow& out);
   void find_lit();
-  void read_families(const AxisPlan& plan, int row, AxisRow& out);
-  void read_family(const FamilySource& source, int row, FamilyRow& out);
-  Phasor demodulate_partial(const FamilySource& source, int row, int col);
+  void read_families(const AxisPlan& plan, AxisRow& out);
+  void read_family(const FamilySource& source, FamilyRow& out);
+  Phasor demodulate_partial(const FamilySource& source, std::size_t col);
   static void store_phase(const FamilySource& source, const Phasor& phasor, std::size_t col,
                           FamilyRow& out);
-  void read_midpoint(int row);
-  void read_middle_of_bits(int row);
+  void read_midpoint();
+  void read_middle_of_bits();
 
   const PatternPlan& plan_;
   const CorrespondenceOptions& options_;
-  std::vector<NoiseRange> noise_;
-  std::vector<ImageView<const float>> signals_;  // all that count as lost when they are NaN
+  SignalRows signals_;
+  std::vector<NoiseRange> ranges_;
+  float saturation_dn_ = 0;
   std::size_t width_ = 0;
+  bool is_unpaired_ = false;      // some bit has no inverse
+  bool is_told_by_bits_ = false;  // bits tell everywhere if a pixel is lit
   AxisRow column_, row_;
   int lit_begin_ = 0, lit_end_ = 0;
   Row lost_;  // 0, or NaN
-  bool is_any_lost_ = false;
-  Row midpoint_, least_, most_, scratch_;
-  Row cosine_, sine_, cos_cos_, cos_sin_, sin_sin_;
+  Row midpoint_, least_, most_, samples_;
+  std::vector<SampleRow> shifts_;
   // Weights for pixels that lost samples, by family and used shifts.
   std::map<std::pair<const FamilySource*, std::vector<char>>, std::optional<Demodulation>> partial_;
 };

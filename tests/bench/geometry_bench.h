@@ -70,4 +70,20 @@ struct GeometrySignals {
 };
 GeometrySignals merge_signals(const GeometrySession& session);
 
+// A session's frames by pattern, as decode_correspondence merges them on the way. Borrows the
+// session's.
+struct PatternFrames {
+  std::vector<const estimation::PatternKind*> kinds;
+  std::vector<std::vector<estimation::ExposedFrame>> frames;  // [pattern]
+  estimation::CameraBlack black{0};
+  estimation::CorrespondenceOptions options;  // without black, see correspondence_options
+
+  std::vector<estimation::PatternSignal> views() const;
+  estimation::CorrespondenceOptions correspondence_options() const;
+};
+// Of patterns and exposures that `is_used` wants.
+PatternFrames frames_by_pattern(
+    const GeometrySession& session,
+    const std::function<bool(const estimation::PatternKind&, double exposure_us)>& is_used);
+
 }  // namespace bench

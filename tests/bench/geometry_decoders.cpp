@@ -143,22 +143,37 @@ void compare(const GeometrySession& session, const GeometryOptions& options, int
             column_px, convert_ms, decode_ms);
       }
     }
-    GeometrySignals signals;
-    const double merge_ms = least_ms(options.repeats, [&] { signals = merge_signals(session); });
-    const auto decode_with = [&](const std::string& name, const auto& is_used) {
-      std::vector<estimation::PatternSignal> used;
-      for (const estimation::PatternSignal& signal : signals.views())
-        if (is_used(*signal.kind)) used.push_back(signal);
+    // The same memory as OpenCV's: the recorded frames, nothing prepared.
+    const auto decode_frames = [&](const std::string& name, const auto& is_used) {
+      const PatternFrames frames = frames_by_pattern(session, is_used);
+      const auto views = frames.views();
+      const auto correspondence_options = frames.correspondence_options();
       estimation::Correspondence found;
       const double decode_ms = least_ms(options.repeats, [&] {
-        found =
-            estimation::decode_correspondence(used, session.manifest.projector, signals.options);
+        found = estimation::decode_correspondence(views, session.manifest.projector,
+                                                  correspondence_options);
       });
-      add(name, found.column_px, merge_ms, decode_ms);
+      add(name, found.column_px, 0, decode_ms);
     };
-    decode_with("ssrig, all patterns", [](const auto&) { return true; });
-    decode_with("ssrig, Gray code alone",
-                [](const auto& kind) { return std::holds_alternative<GrayCode>(kind); });
+    const auto is_gray = [](const auto& kind) { return std::holds_alternative<GrayCode>(kind); };
+    for (const double only_us : exposures_of(session.manifest)) {
+      const std::string time = digits(only_us / 1000) + " ms, ";
+      decode_frames("ssrig, " + time + "Gray code", [&](const auto& kind, double exposure_us) {
+        return exposure_us == only_us && is_gray(kind);
+      });
+      decode_frames("ssrig, " + time + "all patterns",
+                    [&](const auto&, double exposure_us) { return exposure_us == only_us; });
+    }
+    decode_frames("ssrig, Gray code", [&](const auto& kind, double) { return is_gray(kind); });
+    decode_frames("ssrig, all patterns", [](const auto&, double) { return true; });
+    GeometrySignals signals;
+    const double merge_ms = least_ms(options.repeats, [&] { signals = merge_signals(session); });
+    const auto views = signals.views();
+    estimation::Correspondence found;
+    const double decode_ms = least_ms(options.repeats, [&] {
+      found = estimation::decode_correspondence(views, session.manifest.projector, signals.options);
+    });
+    add("ssrig, all patterns, merged before", found.column_px, merge_ms, decode_ms);
   });
 }
 

@@ -56,30 +56,58 @@ Result<GeometrySession> read_geometry_session(const fs::path& folder) {
   return session;
 }
 
-GeometrySignals merge_signals(const GeometrySession& session) {
+PatternFrames frames_by_pattern(
+    const GeometrySession& session,
+    const std::function<bool(const estimation::PatternKind&, double exposure_us)>& is_used) {
   const Manifest& manifest = session.manifest;
   const double black_dn = manifest.camera.black_level_dn.value_or(0);
-  const double saturation_dn = manifest.camera.saturation_level_dn.value_or(
+  PatternFrames found;
+  found.black = estimation::CameraBlack(black_dn);
+  found.options.saturation_dn = manifest.camera.saturation_level_dn.value_or(
       (1 << manifest.camera.pixel_format.bit_depth) - 1);
-  GeometrySignals signals;
   std::vector<double> exposures_us;
   for (const estimation::Pattern& pattern : manifest.patterns) {
     std::vector<estimation::ExposedFrame> frames;
-    for (std::size_t i = 0; i < manifest.frames.size(); ++i)
-      if (manifest.frames[i].pattern == pattern.index)
-        frames.push_back({manifest.frames[i].exposure_us, session.frames[i].view()});
+    for (std::size_t i = 0; i < manifest.frames.size(); ++i) {
+      const estimation::FrameRecord& record = manifest.frames[i];
+      if (record.pattern == pattern.index && is_used(pattern.kind, record.exposure_us))
+        frames.push_back({record.exposure_us, session.frames[i].view()});
+    }
     if (frames.empty()) continue;
     exposures_us.clear();
     for (const auto& frame : frames) exposures_us.push_back(frame.exposure_us);
-    signals.kinds.push_back(&pattern.kind);
-    signals.images.push_back(
-        estimation::merge_brackets(frames, estimation::CameraBlack(black_dn), saturation_dn, {}));
+    found.kinds.push_back(&pattern.kind);
+    found.frames.push_back(std::move(frames));
   }
   std::sort(exposures_us.begin(), exposures_us.end());
-  signals.options.noise = estimation::merged_noise(
+  found.options.noise = estimation::merged_noise(
       exposures_us,
       {manifest.camera.gain_e_per_dn.value_or(5), manifest.camera.read_noise_e.value_or(10)},
-      saturation_dn - black_dn);
+      found.options.saturation_dn - black_dn);
+  return found;
+}
+
+std::vector<estimation::PatternSignal> PatternFrames::views() const {
+  std::vector<estimation::PatternSignal> signals;
+  for (std::size_t i = 0; i < frames.size(); ++i) signals.push_back({kinds[i], {}, frames[i]});
+  return signals;
+}
+
+estimation::CorrespondenceOptions PatternFrames::correspondence_options() const {
+  estimation::CorrespondenceOptions used = options;
+  used.black = &black;
+  return used;
+}
+
+GeometrySignals merge_signals(const GeometrySession& session) {
+  const PatternFrames by_pattern =
+      frames_by_pattern(session, [](const auto&, double) { return true; });
+  GeometrySignals signals;
+  signals.kinds = by_pattern.kinds;
+  signals.options = by_pattern.options;
+  for (const auto& frames : by_pattern.frames)
+    signals.images.push_back(
+        estimation::merge_brackets(frames, by_pattern.black, by_pattern.options.saturation_dn, {}));
   return signals;
 }
 

@@ -1,0 +1,191 @@
+// Bound by memory where the frames are not in the caches: each sample is read once, and the next
+// row's is asked for on the way, as more rows are read at a time than processors follow by
+// themselves.
+#include "estimation/geometry/row_kernels.h"
+
+#include <cstdint>
+#include <limits>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "estimation/geometry/row_kernels.cpp"
+#include <hwy/foreach_target.h>
+
+// After foreach_target.h, which includes this file once a target.
+#include <hwy/contrib/math/math-inl.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace estimation::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+using Vectors = hn::ScalableTag<float>;
+using One = hn::CappedTag<float, 1>;  // what is left at a row's end
+
+template <typename D>
+using Of = hn::Vec<D>;
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+
+// The same arithmetic as merge_row's.
+template <typename D>
+HWY_INLINE Of<D> merge(D d, std::span<const ExposedRow> exposures, float saturation_dn,
+                       std::size_t i) {
+  const hn::RebindToSigned<D> di;
+  const hn::Rebind<std::uint16_t, D> du;
+  const auto saturation = hn::Set(d, saturation_dn);
+  auto sum_dn = hn::Zero(d), sum_us = hn::Zero(d);
+  for (const ExposedRow& frame : exposures) {
+    const auto dn = hn::ConvertTo(d, hn::PromoteTo(di, hn::LoadU(du, frame.dn + i)));
+    const auto usable = hn::Lt(dn, saturation);
+    const auto signal = hn::Sub(dn, hn::LoadU(d, frame.black_dn + i));
+    sum_dn = hn::Add(sum_dn, hn::IfThenElseZero(usable, signal));
+    sum_us = hn::Add(sum_us, hn::IfThenElseZero(usable, hn::Set(d, frame.exposure_us)));
+  }
+  return hn::IfThenElse(hn::Gt(sum_us, hn::Zero(d)), hn::Div(sum_dn, sum_us), hn::Set(d, kNaN));
+}
+
+template <typename D>
+HWY_INLINE Of<D> load(D d, const SampleRow& row, float saturation_dn, std::size_t i) {
+  if (row.merged != nullptr) return hn::LoadU(d, row.merged + i);
+  return merge(d, row.exposures, saturation_dn, i);
+}
+
+template <typename D>
+HWY_INLINE Of<D> variance_of(D d, std::span<const NoiseRange> ranges, Of<D> sample) {
+  const auto lit = hn::Max(sample, hn::Zero(d));
+  const NoiseRange& last = ranges.back();
+  auto variance = hn::MulAdd(hn::Set(d, last.shot_dn_per_us), lit, hn::Set(d, last.read_variance));
+  for (std::size_t k = ranges.size() - 1; k-- > 0;) {
+    const auto below =
+        hn::MulAdd(hn::Set(d, ranges[k].shot_dn_per_us), lit, hn::Set(d, ranges[k].read_variance));
+    const auto is_below = hn::Le(lit, hn::Set(d, ranges[k].up_to_dn_per_us));
+    variance = hn::IfThenElse(is_below, below, variance);
+  }
+  return variance;
+}
+
+template <typename D>
+HWY_INLINE void read_pair_at(D d, const SampleRow& plain_row, const SampleRow& inverse_row,
+                             const SampleNoise& noise, std::size_t i, const PairRow& out) {
+  const auto plain = load(d, plain_row, noise.saturation_dn, i);
+  const auto inverse = load(d, inverse_row, noise.saturation_dn, i);
+  auto value = hn::Sub(plain, inverse);
+  auto variance =
+      hn::Add(variance_of(d, noise.ranges, plain), variance_of(d, noise.ranges, inverse));
+  const auto contrast = hn::Abs(value);
+  const auto best = hn::LoadU(d, out.contrast + i);
+  const auto is_better = hn::Gt(contrast, best);  // NaN is not
+  hn::StoreU(hn::IfThenElse(is_better, contrast, best), d, out.contrast + i);
+  hn::StoreU(hn::IfThenElse(is_better, variance, hn::LoadU(d, out.contrast_variance + i)), d,
+             out.contrast_variance + i);
+  const auto is_lost = hn::IsNaN(value);
+  if (HWY_UNLIKELY(!hn::AllFalse(d, is_lost))) {
+    hn::StoreU(hn::Add(hn::LoadU(d, out.lost + i), hn::Sub(value, value)), d, out.lost + i);
+    variance = hn::IfThenElse(is_lost, hn::Zero(d), variance);
+    const auto plain_is_there = hn::And(is_lost, hn::Eq(plain, plain));
+    const auto inverse_is_there = hn::And(is_lost, hn::Eq(inverse, inverse));
+    value = hn::IfThenElse(inverse_is_there, hn::Set(d, kInfinity), value);
+    value = hn::IfThenElse(plain_is_there, hn::Set(d, -kInfinity), value);
+  }
+  hn::StoreU(value, d, out.value + i);
+  hn::StoreU(variance, d, out.variance + i);
+}
+
+void read_pair_row(const SampleRow& plain, const SampleRow& inverse, const SampleNoise& noise,
+                   std::size_t width, const PairRow& out) {
+  const Vectors d;
+  std::size_t i = 0;
+  for (; i + hn::Lanes(d) <= width; i += hn::Lanes(d))
+    read_pair_at(d, plain, inverse, noise, i, out);
+  for (; i < width; ++i) read_pair_at(One(), plain, inverse, noise, i, out);
+}
+
+// atan2 of float's own precision.
+template <typename D>
+HWY_INLINE Of<D> angle_of(D d, Of<D> sine, Of<D> cosine) {
+  const auto x = hn::Abs(cosine), y = hn::Abs(sine);
+  const auto is_steep = hn::Gt(y, x);
+  const auto ratio = hn::Div(hn::Min(x, y), hn::Max(x, y));
+  constexpr float kPi = 3.14159265358979F;
+  auto angle = hn::Atan(d, ratio);
+  angle = hn::IfThenElse(is_steep, hn::Sub(hn::Set(d, kPi / 2), angle), angle);
+  angle = hn::IfThenElse(hn::Lt(cosine, hn::Zero(d)), hn::Sub(hn::Set(d, kPi), angle), angle);
+  return hn::CopySign(angle, sine);
+}
+
+template <typename D>
+HWY_INLINE void read_phases_at(D d, std::span<const SampleRow> shifts, const SampleNoise& noise,
+                               const FamilyWeights& weights, std::size_t i, const PhaseRow& out) {
+  auto mean = hn::Zero(d), cosine = hn::Zero(d), sine = hn::Zero(d);
+  auto cos_cos = hn::Zero(d), cos_sin = hn::Zero(d), sin_sin = hn::Zero(d);
+  for (std::size_t k = 0; k < shifts.size(); ++k) {
+    const auto sample = load(d, shifts[k], noise.saturation_dn, i);
+    const auto variance = variance_of(d, noise.ranges, sample);
+    const auto wc = hn::Set(d, weights.cosine[k]), ws = hn::Set(d, weights.sine[k]);
+    mean = hn::MulAdd(hn::Set(d, weights.mean[k]), sample, mean);
+    cosine = hn::MulAdd(wc, sample, cosine);
+    sine = hn::MulAdd(ws, sample, sine);
+    const auto cosine_variance = hn::Mul(wc, variance), sine_variance = hn::Mul(ws, variance);
+    cos_cos = hn::MulAdd(wc, cosine_variance, cos_cos);
+    cos_sin = hn::MulAdd(wc, sine_variance, cos_sin);
+    sin_sin = hn::MulAdd(ws, sine_variance, sin_sin);
+  }
+  const auto is_lost = hn::IsNaN(cosine);
+  if (HWY_UNLIKELY(!hn::AllFalse(d, is_lost)))
+    hn::StoreU(hn::Add(hn::LoadU(d, out.lost + i), hn::Sub(cosine, cosine)), d, out.lost + i);
+  const auto square = hn::MulAdd(cosine, cosine, hn::Mul(sine, sine));
+  const auto amplitude = hn::Sqrt(square);
+  const auto c = hn::Div(cosine, amplitude), s = hn::Div(sine, amplitude);
+  const auto cc = hn::Mul(c, c), ss = hn::Mul(s, s);
+  const auto cross = hn::Mul(hn::Mul(hn::Set(d, 2.0F), hn::Mul(c, s)), cos_sin);
+  const auto along = hn::Add(hn::MulAdd(cc, cos_cos, cross), hn::Mul(ss, sin_sin));
+  const auto across = hn::Sub(hn::MulAdd(ss, cos_cos, hn::Mul(cc, sin_sin)), cross);
+  const auto scale = hn::Set(d, weights.modulation_scale);
+  const auto across_sd = hn::Sqrt(hn::Max(across, hn::Zero(d)));
+  const auto has_phase = hn::Gt(amplitude, hn::Mul(hn::Set(d, kMinAmplitudeSd), across_sd));
+  const auto px_per_rad = hn::Set(d, weights.px_per_rad);
+  const auto noise_px = hn::Mul(px_per_rad, hn::Div(across_sd, amplitude));
+  const auto aliasing = hn::Set(d, weights.aliasing_px * weights.aliasing_px);
+  const auto sd_px = hn::Sqrt(hn::MulAdd(noise_px, noise_px, aliasing));
+  const auto position_px =
+      hn::MulAdd(px_per_rad, angle_of(d, sine, cosine), hn::Set(d, weights.centre_px));
+  hn::StoreU(mean, d, out.mean + i);
+  hn::StoreU(hn::Mul(amplitude, scale), d, out.modulation + i);
+  hn::StoreU(hn::Mul(hn::Sqrt(hn::Max(along, hn::Zero(d))), scale), d, out.modulation_sd + i);
+  hn::StoreU(hn::IfThenElse(has_phase, sd_px, hn::Set(d, kInfinity)), d, out.sd_px + i);
+  hn::StoreU(hn::IfThenElse(has_phase, position_px, hn::Set(d, kNaN)), d, out.position_px + i);
+}
+
+void read_phases_row(std::span<const SampleRow> shifts, const SampleNoise& noise,
+                     const FamilyWeights& weights, std::size_t begin, std::size_t end,
+                     const PhaseRow& out) {
+  const Vectors d;
+  std::size_t i = begin;
+  for (; i + hn::Lanes(d) <= end; i += hn::Lanes(d))
+    read_phases_at(d, shifts, noise, weights, i, out);
+  for (; i < end; ++i) read_phases_at(One(), shifts, noise, weights, i, out);
+}
+
+}  // namespace estimation::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace estimation {
+
+HWY_EXPORT(read_pair_row);
+HWY_EXPORT(read_phases_row);
+
+void read_pair(const SampleRow& plain, const SampleRow& inverse, const SampleNoise& noise,
+               std::size_t width, const PairRow& out) {
+  HWY_DYNAMIC_DISPATCH(read_pair_row)(plain, inverse, noise, width, out);
+}
+
+void read_phases(std::span<const SampleRow> shifts, const SampleNoise& noise,
+                 const FamilyWeights& weights, std::size_t begin, std::size_t end,
+                 const PhaseRow& out) {
+  HWY_DYNAMIC_DISPATCH(read_phases_row)(shifts, noise, weights, begin, end, out);
+}
+
+}  // namespace estimation
+#endif
