@@ -41,96 +41,155 @@ void Ledger::start_run() {
   held_.clear();
   camera_clock_ = {};
   last_edge_number_ = 0;
+  primed_frame_count_ = 0;
   is_primed_ = false;
 }
 
-void Ledger::open_showing(int pattern, std::uint64_t show_id, bool is_light,
-                          rig::HostTime requested) {
-  // A priming that failed may have taught a wrong offset; the next one starts afresh.
-  if (pattern == kPrimePattern) camera_clock_ = {};
+void Ledger::open_showing(const Flip& flip) {
+  if (flip.pattern == kPrimePattern && flip.first_bracket == 0) {
+    // A priming that failed may have taught a wrong offset; the next one starts afresh.
+    camera_clock_ = {};
+    primed_frame_count_ = 0;
+  }
   Showing showing;
-  showing.pattern = pattern;
-  showing.show_id = show_id;
-  showing.is_light = is_light;
-  showing.requested = requested;
+  showing.flip = flip;
+  showing.due = flip.requested + rules_.edge_deadline;
+  // The edge is heard of when its frame comes.
+  if (rules_.has_edge_per_bracket) showing.due += rules_.frame_deadline + train_length(showing);
   showings_.push_back(showing);
 }
 
-Finding Ledger::about_showing(Incident incident, std::string detail) const {
-  return {incident, showing_pattern(), kNoBracket, std::move(detail)};
+nanoseconds Ledger::train_length(const Showing& showing) const {
+  nanoseconds length{0};
+  for (int i = 0; i < rules_.brackets_per_showing(); ++i)
+    length +=
+        rules_.exposures[static_cast<std::size_t>(showing.flip.first_bracket + i)] + rules_.gap;
+  return length;
+}
+
+Finding Ledger::about(const Showing& showing, Incident incident, std::string detail) const {
+  const int bracket = rules_.has_edge_per_bracket ? showing.flip.first_bracket : kNoBracket;
+  return {incident, showing.flip.pattern, bracket, std::move(detail), showing.flip.show_id};
+}
+
+Finding Ledger::about_last_showing(Incident incident, std::string detail) const {
+  if (showings_.empty()) return {incident, kPrimePattern, kNoBracket, std::move(detail)};
+  return about(showings_.back(), incident, std::move(detail));
+}
+
+// The showing whose edge comes next; nullptr: none is due.
+Ledger::Showing* Ledger::without_edge() {
+  for (Showing& showing : showings_)
+    if (!showing.edge && !showing.is_edge_lost) return &showing;
+  return nullptr;
+}
+
+// The one whose edge came last; nullptr: none has come.
+Ledger::Showing* Ledger::under_exposure() {
+  for (auto showing = showings_.rbegin(); showing != showings_.rend(); ++showing)
+    if (showing->edge) return &*showing;
+  return nullptr;
+}
+
+const Ledger::Showing* Ledger::find(std::uint64_t show_id) const {
+  for (const Showing& showing : showings_)
+    if (showing.flip.show_id == show_id) return &showing;
+  return nullptr;
 }
 
 Findings Ledger::picture_shown(const rig::PictureShown& shown) {
-  for (Showing& showing : showings_)
-    if (showing.show_id == shown.show_id) showing.swapped = shown.swapped;
-  return check_flip();
+  for (Showing& showing : showings_) {
+    if (showing.flip.show_id != shown.show_id) continue;
+    showing.swapped = shown.swapped;
+    return check_flip(showing);
+  }
+  return {};
 }
 
 Findings Ledger::edge_seen(const rig::EdgeSeen& edge) {
-  if (showings_.empty() || showings_.back().edge)
-    return {about_showing(Incident::kEdgeOutOfOrder,
-                          "edge " + std::to_string(edge.edge_number) + " when none was due")};
+  Showing* const showing = without_edge();
+  if (showing == nullptr)
+    return {about_last_showing(Incident::kEdgeOutOfOrder,
+                               "edge " + std::to_string(edge.edge_number) + " when none was due")};
   if (edge.edge_number != last_edge_number_ + 1)
-    return {about_showing(Incident::kEdgeOutOfOrder, "edge " + std::to_string(edge.edge_number) +
-                                                         " after edge " +
-                                                         std::to_string(last_edge_number_))};
+    return {about(*showing, Incident::kEdgeOutOfOrder,
+                  "edge " + std::to_string(edge.edge_number) + " after edge " +
+                      std::to_string(last_edge_number_))};
   last_edge_number_ = edge.edge_number;
-  Showing& showing = showings_.back();
-  if (edge.is_light != showing.is_light)
-    return {about_showing(Incident::kEdgeWrongLevel,
-                          std::string("the photodiode turned ") +
-                              (edge.is_light ? "light" : "dark") + " under a " +
-                              (showing.is_light ? "light" : "dark") + " square")};
-  showing.edge = edge;
-  return check_flip();
+  if (edge.is_light != showing->flip.is_light)
+    return {about(*showing, Incident::kEdgeWrongLevel,
+                  std::string("the photodiode turned ") + (edge.is_light ? "light" : "dark") +
+                      " under a " + (showing->flip.is_light ? "light" : "dark") + " square")};
+  showing->edge = edge;
+  showing->due = edge.time + train_length(*showing) + rules_.edge_deadline;
+  return check_flip(*showing);
 }
 
-// Both are known for the last showing: was it our flip that the photodiode saw?
-Findings Ledger::check_flip() {
-  if (showings_.empty()) return {};
-  const Showing& showing = showings_.back();
+// Both are known: was it our flip that the photodiode saw?
+Findings Ledger::check_flip(const Showing& showing) const {
   if (showing.is_spoiled || !showing.swapped || !showing.edge) return {};
   // A swap is reported up to a refresh after the vertical blank at which it happened.
   if (showing.edge->time >= *showing.swapped - rules_.refresh_interval) return {};
-  return {about_showing(Incident::kEdgeBeforeFlip,
-                        "the edge came " + in_us(*showing.swapped - showing.edge->time) +
-                            " before the picture was swapped in")};
+  return {about(showing, Incident::kEdgeBeforeFlip,
+                "the edge came " + in_us(*showing.swapped - showing.edge->time) +
+                    " before the picture was swapped in")};
 }
 
 Findings Ledger::edge_ignored(const rig::EdgeIgnored& edge) {
-  if (showings_.empty()) return {};
-  const Showing& showing = showings_.back();
-  if (!showing.edge || edge.time - showing.edge->time <= rules_.debounce) return {};
-  return {about_showing(
-      Incident::kEdgeDuringExposure,
-      "the light changed " + in_us(edge.time - showing.edge->time) + " after the edge")};
+  const Showing* const showing = under_exposure();
+  if (showing == nullptr || edge.time - showing->edge->time <= rules_.debounce) return {};
+  return {about(*showing, Incident::kEdgeDuringExposure,
+                "the light changed " + in_us(edge.time - showing->edge->time) + " after the edge")};
 }
 
 Findings Ledger::pulse_ended(const rig::PulseEnded& pulse, rig::HostTime now) {
-  const bool is_due = !showings_.empty() && showings_.back().edge && !is_showing_over();
-  const bool is_next = is_due && pulse.pulse_number == pulses_.size() + 1 &&
-                       pulse.edge_number == showings_.back().edge->edge_number &&
-                       pulse.pulse_index == showings_.back().ended_pulse_count;
+  Showing* const showing = under_exposure();
+  const bool is_next = showing != nullptr && !is_over(*showing) &&
+                       pulse.pulse_number == pulses_.size() + 1 &&
+                       pulse.edge_number == showing->edge->edge_number &&
+                       pulse.pulse_index == showing->ended_pulse_count;
   if (!is_next)
-    return {about_showing(Incident::kPulseOutOfOrder,
-                          "pulse " + std::to_string(pulse.pulse_number) + " of edge " +
-                              std::to_string(pulse.edge_number) + " was not the next one due")};
-  pulses_.push_back({showings_.size() - 1, pulse.pulse_index, pulse.started, pulse.ended,
+    return {about_last_showing(Incident::kPulseOutOfOrder,
+                               "pulse " + std::to_string(pulse.pulse_number) + " of edge " +
+                                   std::to_string(pulse.edge_number) +
+                                   " was not the next one due")};
+  pulses_.push_back({static_cast<std::size_t>(showing - showings_.data()),
+                     showing->flip.first_bracket + pulse.pulse_index, pulse.started, pulse.ended,
                      now + rules_.frame_deadline, Wait::kAwaited});
-  ++showings_.back().ended_pulse_count;
+  ++showing->ended_pulse_count;
   return {};
 }
 
 Findings Ledger::frame_damaged(const rig::FrameDamaged& damaged) {
   // A damaged block has no chunks to prove whose it is. Its id is only a reason to stop waiting: a
   // good frame of that pulse, should one come, is then late and not used.
-  if (damaged.block_id == 0 || damaged.block_id > pulses_.size()) return {};
+  if (damaged.block_id == 0) return {};
+  if (damaged.block_id > pulses_.size()) return lose_edge(damaged);
   Pulse& pulse = pulses_[damaged.block_id - 1];
   if (pulse.wait != Wait::kAwaited) return {};
   pulse.wait = Wait::kGivenUp;
   const Showing& showing = showings_[pulse.showing];
   if (showing.is_spoiled) return {};
-  return {{Incident::kFrameDamaged, showing.pattern, pulse.bracket, damaged.error.detail}};
+  return {{Incident::kFrameDamaged, showing.flip.pattern, pulse.bracket, damaged.error.detail,
+           showing.flip.show_id}};
+}
+
+// Where frames alone tell of edges: the camera has exposed, but for whom it does not say. Taken for
+// the edge that was due; had it been another one, the next frame's count would show it.
+Findings Ledger::lose_edge(const rig::FrameDamaged& damaged) {
+  Showing* const showing = without_edge();
+  if (!rules_.has_edge_per_bracket || showing == nullptr || damaged.block_id != pulses_.size() + 1)
+    return {};
+  ++last_edge_number_;
+  showing->is_edge_lost = true;
+  showing->ended_pulse_count = 1;
+  pulses_.push_back({static_cast<std::size_t>(showing - showings_.data()),
+                     showing->flip.first_bracket,
+                     {},
+                     {},
+                     {},
+                     Wait::kGivenUp});
+  return {about(*showing, Incident::kFrameDamaged, damaged.error.detail)};
 }
 
 void Ledger::frame_seen(const FrameFacts& facts, rig::HostTime now) {
@@ -138,7 +197,7 @@ void Ledger::frame_seen(const FrameFacts& facts, rig::HostTime now) {
 }
 
 bool Ledger::is_over(const Showing& showing) const {
-  return showing.ended_pulse_count == static_cast<int>(rules_.exposures.size());
+  return showing.ended_pulse_count == rules_.brackets_per_showing();
 }
 
 bool Ledger::is_decidable(const FrameFacts& facts) const {
@@ -164,22 +223,24 @@ std::vector<Verdict> Ledger::judge(Findings& findings) {
 
 // Does the frame say something else than the pulse whose number it bears?
 std::optional<Finding> Ledger::contradiction(const FrameFacts& facts, const Pulse& pulse) const {
-  const int pattern = showings_[pulse.showing].pattern;
+  const Flip& flip = showings_[pulse.showing].flip;
+  const auto contradicted = [&](Incident incident, std::string detail) {
+    return Finding{incident, flip.pattern, pulse.bracket, std::move(detail), flip.show_id};
+  };
   // A pulse is as long as its exposure. Without chunks this is what a stray pulse on the line shows
   // in, when its frame bears the number of the next pulse.
   if (facts.received < pulse.ended - rules_.time_tolerance())
-    return Finding{Incident::kFrameMistimed, pattern, pulse.bracket,
-                   "the frame was there before its pulse had ended"};
+    return contradicted(Incident::kFrameMistimed, "the frame was there before its pulse had ended");
   if (camera_clock_.is_ready()) {
     const nanoseconds error = camera_clock_.to_host(facts.timestamp) - pulse.started;
     if (std::chrono::abs(error) >= rules_.time_tolerance())
-      return Finding{Incident::kFrameMistimed, pattern, pulse.bracket,
-                     "its timestamp is " + in_us(error) + " from its pulse"};
+      return contradicted(Incident::kFrameMistimed,
+                          "its timestamp is " + in_us(error) + " from its pulse");
   }
   const microseconds expected = rules_.exposures[static_cast<std::size_t>(pulse.bracket)];
   if (facts.exposure && !is_same_exposure(*facts.exposure, expected))
-    return Finding{Incident::kFrameMisexposed, pattern, pulse.bracket,
-                   "exposed for " + in_us(*facts.exposure) + " instead of " + in_us(expected)};
+    return contradicted(Incident::kFrameMisexposed,
+                        "exposed for " + in_us(*facts.exposure) + " instead of " + in_us(expected));
   return std::nullopt;
 }
 
@@ -187,13 +248,13 @@ Verdict Ledger::decide(const FrameFacts& facts, Findings& findings) {
   Verdict verdict{facts.ticket, std::nullopt, {}};
   const std::uint64_t number = facts.pulse_number();
   if (number == 0 || facts.block_id > number) {
-    findings.push_back(about_showing(
+    findings.push_back(about_last_showing(
         Incident::kFrameUnexpected,
         "block " + std::to_string(facts.block_id) + " claims pulse " + std::to_string(number)));
     return verdict;
   }
   Pulse& pulse = pulses_[number - 1];
-  Showing& showing = showings_[pulse.showing];
+  const Showing& showing = showings_[pulse.showing];
   if (showing.is_spoiled) {
     pulse.wait = Wait::kArrived;
     return verdict;
@@ -206,17 +267,17 @@ Verdict Ledger::decide(const FrameFacts& facts, Findings& findings) {
   if (pulse.wait != Wait::kAwaited) {
     findings.push_back(
         {pulse.wait == Wait::kArrived ? Incident::kFrameDuplicate : Incident::kFrameLate,
-         showing.pattern, pulse.bracket, "block " + std::to_string(facts.block_id)});
+         showing.flip.pattern, pulse.bracket, "block " + std::to_string(facts.block_id),
+         showing.flip.show_id});
     return verdict;
   }
   pulse.wait = Wait::kArrived;
   camera_clock_.add(facts.timestamp, pulse.started, kPulseTimeUncertainty);
-  ++showing.agreed_frame_count;
-  if (showing.pattern == kPrimePattern) {
-    if (showing.agreed_frame_count == static_cast<int>(rules_.exposures.size())) is_primed_ = true;
+  if (showing.flip.pattern == kPrimePattern) {
+    if (++primed_frame_count_ == static_cast<int>(rules_.exposures.size())) is_primed_ = true;
     return verdict;
   }
-  Slot& target = slot({showing.pattern, pulse.bracket});
+  Slot& target = slot({showing.flip.pattern, pulse.bracket});
   if (target.evidence) return verdict;  // the retake was for another bracket of this pattern
   target.evidence = evidence_of(facts, pulse);
   ++filled_count_;
@@ -228,7 +289,7 @@ Verdict Ledger::decide(const FrameFacts& facts, Findings& findings) {
 Evidence Ledger::evidence_of(const FrameFacts& facts, const Pulse& pulse) const {
   const Showing& showing = showings_[pulse.showing];
   Evidence evidence;
-  evidence.show_id = showing.show_id;
+  evidence.show_id = showing.flip.show_id;
   evidence.swapped = *showing.swapped;
   evidence.edge_number = showing.edge->edge_number;
   evidence.is_light = showing.edge->is_light;
@@ -244,6 +305,17 @@ Evidence Ledger::evidence_of(const FrameFacts& facts, const Pulse& pulse) const 
 
 Findings Ledger::expire(rig::HostTime now) {
   Findings findings;
+  for (const Showing& showing : showings_) {
+    if (is_over(showing) || now < showing.due) continue;
+    if (showing.edge)
+      findings.push_back(
+          about(showing, Incident::kPulseMissing, "the trigger box did not end its pulses"));
+    else if (showing.swapped)
+      findings.push_back(about(showing, Incident::kEdgeMissing, "the picture was shown"));
+    else
+      findings.push_back(
+          about(showing, Incident::kPictureNotShown, "neither swap nor edge was reported"));
+  }
   for (Pulse& pulse : pulses_) {
     if (pulse.wait != Wait::kAwaited || now < pulse.frame_due) continue;
     Showing& showing = showings_[pulse.showing];
@@ -252,17 +324,18 @@ Findings Ledger::expire(rig::HostTime now) {
     if (showing.is_spoiled) continue;
     if (!showing.swapped) {
       showing.is_spoiled = true;
-      findings.push_back({Incident::kPictureNotShown, showing.pattern, pulse.bracket,
-                          "the swap was never reported"});
+      findings.push_back({Incident::kPictureNotShown, showing.flip.pattern, pulse.bracket,
+                          "the swap was never reported", showing.flip.show_id});
     } else {
       findings.push_back(
-          {Incident::kFrameMissing, showing.pattern, pulse.bracket,
-           "none within " + std::to_string(rules_.frame_deadline.count()) + " ms of its pulse"});
+          {Incident::kFrameMissing, showing.flip.pattern, pulse.bracket,
+           "none within " + std::to_string(rules_.frame_deadline.count()) + " ms of its pulse",
+           showing.flip.show_id});
     }
   }
   for (const Held& held : held_) {
     if (now < held.due || held.facts.pulse_number() <= pulses_.size()) continue;
-    findings.push_back(about_showing(
+    findings.push_back(about_last_showing(
         Incident::kFrameUnexpected,
         "the trigger box never told of pulse " + std::to_string(held.facts.pulse_number())));
   }
@@ -274,6 +347,8 @@ std::optional<rig::HostTime> Ledger::next_due() const {
   const auto consider = [&due](rig::HostTime time) {
     if (!due || time < *due) due = time;
   };
+  for (const Showing& showing : showings_)
+    if (!is_over(showing)) consider(showing.due);
   for (const Pulse& pulse : pulses_) {
     const Showing& showing = showings_[pulse.showing];
     if (pulse.wait == Wait::kAwaited && (is_over(showing) || showing.is_spoiled))
@@ -285,30 +360,47 @@ std::optional<rig::HostTime> Ledger::next_due() const {
 }
 
 int Ledger::showing_pattern() const {
-  return showings_.empty() ? kPrimePattern : showings_.back().pattern;
+  return showings_.empty() ? kPrimePattern : showings_.back().flip.pattern;
 }
 bool Ledger::has_swap() const { return !showings_.empty() && showings_.back().swapped; }
 bool Ledger::has_edge() const { return !showings_.empty() && showings_.back().edge; }
 bool Ledger::is_showing_over() const { return !showings_.empty() && is_over(showings_.back()); }
 
-void Ledger::spoil_showing() {
-  if (!showings_.empty()) showings_.back().is_spoiled = true;
+int Ledger::next_bracket() const {
+  if (showings_.empty()) return kNoBracket;
+  const int next = showings_.back().flip.first_bracket + rules_.brackets_per_showing();
+  return next < static_cast<int>(rules_.exposures.size()) ? next : kNoBracket;
 }
 
-bool Ledger::is_showing_spoiled() const {
-  return !showings_.empty() && showings_.back().is_spoiled;
+std::uint64_t Ledger::proved_show_id() const {
+  for (auto showing = showings_.rbegin(); showing != showings_.rend(); ++showing)
+    if (showing->edge && showing->swapped) return showing->flip.show_id;
+  return 0;
 }
 
-int Ledger::awaited_count() const {
-  return static_cast<int>(std::count_if(pulses_.begin(), pulses_.end(), [](const Pulse& pulse) {
-    return pulse.wait == Wait::kAwaited;
-  }));
+void Ledger::spoil_showing(std::uint64_t show_id) {
+  for (Showing& showing : showings_)
+    if (showing.flip.show_id == show_id) showing.is_spoiled = true;
 }
 
-int Ledger::awaited_before_last_count() const {
-  return static_cast<int>(std::count_if(pulses_.begin(), pulses_.end(), [this](const Pulse& pulse) {
-    return pulse.wait == Wait::kAwaited && pulse.showing + 1 < showings_.size();
-  }));
+bool Ledger::is_spoiled(std::uint64_t show_id) const {
+  const Showing* const showing = find(show_id);
+  return showing != nullptr && showing->is_spoiled;
+}
+
+bool Ledger::is_shown_again(int pattern, std::uint64_t show_id) const {
+  return std::any_of(showings_.begin(), showings_.end(), [&](const Showing& showing) {
+    const bool is_first = showing.flip.first_bracket == 0;
+    return is_first && showing.flip.pattern == pattern && showing.flip.show_id > show_id;
+  });
+}
+
+int Ledger::open_showing_count() const {
+  std::vector<bool> is_open;
+  for (const Showing& showing : showings_) is_open.push_back(!is_over(showing));
+  for (const Pulse& pulse : pulses_)
+    if (pulse.wait == Wait::kAwaited) is_open[pulse.showing] = true;
+  return static_cast<int>(std::count(is_open.begin(), is_open.end(), true));
 }
 
 Slot& Ledger::slot(SlotId id) {

@@ -6,7 +6,9 @@
 //        ─► frame: its number (trigger count chunk, else block id) names a pulse; its timestamp,
 //           through a clock map learnt in this run, must be that pulse's start; its exposure chunk
 //           must be that bracket's.
-// Plain data and decisions; no device, no clock of its own. Copyable.
+// Without a trigger box each bracket is a showing of its own: one edge, one pulse, one frame, all
+// of them told by the camera (rig/camera_trigger.h); then its count and the flips' times are the
+// proof. Plain data and decisions; no device, no clock of its own. Copyable.
 #pragma once
 
 #include <chrono>
@@ -34,6 +36,15 @@ struct LedgerRules {
   std::chrono::microseconds debounce{2000};          // edges so soon after another are bounces
   std::chrono::nanoseconds refresh_interval{16'666'667};
   std::chrono::milliseconds frame_deadline{1000};  // from hearing of a pulse's end to its frame
+  // From asking for a picture to its edge, and from that, beyond their lengths, to its pulses'
+  // ends.
+  std::chrono::milliseconds edge_deadline{500};
+  // Each bracket is a showing of its own, whose frame alone tells of its edge and pulse.
+  bool has_edge_per_bracket = false;
+
+  int brackets_per_showing() const {
+    return has_edge_per_bracket ? 1 : static_cast<int>(exposures.size());
+  }
 
   // Between a frame's timestamp and its pulse: less than half the way to the next pulse, so that
   // no frame can pass for its neighbour.
@@ -67,6 +78,15 @@ struct Evidence {
   std::optional<std::chrono::microseconds> exposure;  // as the camera says
 };
 
+// A picture that is asked for, and what of its pattern it is to expose.
+struct Flip {
+  int pattern = kPrimePattern;
+  int first_bracket = 0;
+  std::uint64_t show_id = 0;
+  bool is_light = false;
+  rig::HostTime requested;
+};
+
 struct Slot {
   SlotId id;
   std::optional<Evidence> evidence;       // filled
@@ -78,7 +98,8 @@ struct Finding {
   Incident incident = Incident::kFrameMissing;
   int pattern = kPrimePattern;
   int bracket = kNoBracket;
-  std::string detail;  // one clause with the numbers
+  std::string detail;         // one clause with the numbers
+  std::uint64_t show_id = 0;  // of the showing, where one is concerned
 };
 using Findings = std::vector<Finding>;
 
@@ -97,8 +118,8 @@ class Ledger {
   // frames held are forgotten (the runner lets go of theirs when it disarms).
   void start_run();
 
-  // `pattern` has been asked for under `show_id`; its edge, pulses and frames are awaited.
-  void open_showing(int pattern, std::uint64_t show_id, bool is_light, rig::HostTime requested);
+  // A picture has been asked for; its edge, pulses and frames are awaited.
+  void open_showing(const Flip& flip);
 
   [[nodiscard]] Findings picture_shown(const rig::PictureShown& shown);
   [[nodiscard]] Findings edge_seen(const rig::EdgeSeen& edge);
@@ -110,7 +131,7 @@ class Ledger {
   // Decides about the frames that can be decided about: those whose showing is over.
   std::vector<Verdict> judge(Findings& findings);
 
-  // Frames overdue at `now`, and frames whose pulse never became known.
+  // Edges, pulses and frames overdue at `now`, and frames whose pulse never became known.
   [[nodiscard]] Findings expire(rig::HostTime now);
   std::optional<rig::HostTime> next_due() const;
 
@@ -119,13 +140,18 @@ class Ledger {
   bool has_swap() const;
   bool has_edge() const;
   bool is_showing_over() const;  // all its pulses have ended
-  // Gives up on the showing under way: none of its frames will count.
-  void spoil_showing();
-  bool is_showing_spoiled() const;
+  // The bracket that the last showing's pattern still lacks a showing of; kNoBracket: none.
+  int next_bracket() const;
+  // The newest showing that edge and swap agree about; 0: none yet.
+  std::uint64_t proved_show_id() const;
+  // Gives up on a showing: none of its frames will count.
+  void spoil_showing(std::uint64_t show_id);
+  bool is_spoiled(std::uint64_t show_id) const;
+  // Has the pattern had a showing after that one, or has it one now?
+  bool is_shown_again(int pattern, std::uint64_t show_id) const;
 
-  // Frames still awaited, of all showings or of those before the last.
-  int awaited_count() const;
-  int awaited_before_last_count() const;
+  // Showings whose pulses have not all ended, or whose frames are still awaited.
+  int open_showing_count() const;
   // All frames of a priming came, each with its number: the camera counts as the box does.
   bool is_primed() const { return is_primed_; }
 
@@ -139,14 +165,12 @@ class Ledger {
 
  private:
   struct Showing {
-    int pattern = kPrimePattern;
-    std::uint64_t show_id = 0;
-    bool is_light = false;
-    rig::HostTime requested;
+    Flip flip;
+    rig::HostTime due;  // of the edge, then of the last pulse's end
     std::optional<rig::HostTime> swapped;
     std::optional<rig::EdgeSeen> edge;
+    bool is_edge_lost = false;  // with the frame that would have told of it
     int ended_pulse_count = 0;
-    int agreed_frame_count = 0;
     bool is_spoiled = false;
   };
   enum class Wait { kAwaited, kArrived, kGivenUp };
@@ -162,13 +186,19 @@ class Ledger {
   };
 
   bool is_over(const Showing& showing) const;
+  Showing* without_edge();
+  Showing* under_exposure();
+  const Showing* find(std::uint64_t show_id) const;
+  Findings lose_edge(const rig::FrameDamaged& damaged);
+  std::chrono::nanoseconds train_length(const Showing& showing) const;
   bool is_decidable(const FrameFacts& facts) const;
   Verdict decide(const FrameFacts& facts, Findings& findings);
   std::optional<Finding> contradiction(const FrameFacts& facts, const Pulse& pulse) const;
-  Findings check_flip();
+  Findings check_flip(const Showing& showing) const;
   Slot& slot(SlotId id);
   Evidence evidence_of(const FrameFacts& facts, const Pulse& pulse) const;
-  Finding about_showing(Incident incident, std::string detail) const;
+  Finding about(const Showing& showing, Incident incident, std::string detail) const;
+  Finding about_last_showing(Incident incident, std::string detail) const;
 
   LedgerRules rules_;
   std::vector<Slot> slots_;
@@ -179,6 +209,7 @@ class Ledger {
   std::vector<Held> held_;
   rig::ClockMap<rig::CameraClock> camera_clock_;
   std::uint32_t last_edge_number_ = 0;
+  int primed_frame_count_ = 0;  // of the priming under way, or the last one
   bool is_primed_ = false;
 };
 

@@ -142,14 +142,16 @@ int retake_count(const SequenceState& state) { return state.retake_total; }
 SequenceRules make_rules(const rig::RigFile& rig_file, double refresh_hz) {
   SequenceRules rules;
   rules.ledger.exposures = rig_file.sequence.exposures;
-  rules.ledger.gap = rig_file.trigger.gap;
+  rules.ledger.has_edge_per_bracket = rig_file.sequence.sync != rig::SyncMode::kTriggerBox;
+  rules.ledger.gap =
+      rules.ledger.has_edge_per_bracket ? rig_file.sequence.readout : rig_file.trigger.gap;
   rules.ledger.debounce = rig_file.trigger.debounce;
   rules.ledger.frame_deadline = rig_file.sequence.frame_deadline;
   if (refresh_hz > 0)
     rules.ledger.refresh_interval =
         std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 / refresh_hz));
   rules.bracketing = rig_file.camera.bracketing;
-  rules.edge_deadline = rig_file.sequence.edge_deadline;
+  rules.ledger.edge_deadline = rig_file.sequence.edge_deadline;
   rules.retake_limit = rig_file.sequence.retake_limit;
   rules.reopen_deadline = rig_file.sequence.reopen_deadline;
   return rules;

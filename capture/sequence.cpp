@@ -1,7 +1,6 @@
 #include "capture/sequence.h"
 
 #include <algorithm>
-#include <numeric>
 #include <utility>
 
 #include "estimation/base/check.h"
@@ -15,6 +14,8 @@ using std::chrono::milliseconds;
 constexpr milliseconds kArmDeadline{10'000};
 constexpr milliseconds kBlackDeadline{500};
 constexpr milliseconds kReopenPeriod{500};
+// Frames of no more showings than that are on their way at a time.
+constexpr int kOpenShowingLimit = 2;
 
 template <typename... Handlers>
 struct Overloaded : Handlers... {
@@ -120,12 +121,15 @@ class Turn {
     } else if (const auto* blackening = std::get_if<Blackening>(&state().phase)) {
       if (blackening->show_id == shown.show_id) state().phase = Ended{};
     } else if (is_running(state().phase)) {
-      confirm(shown.show_id);
+      if (!rules_.ledger.has_edge_per_bracket) confirm(shown.show_id);
       react(ledger().picture_shown(shown));
+      confirm_by_edge();
     }
   }
   void take(const rig::EdgeSeen& edge) {
-    if (is_running(state().phase)) react(ledger().edge_seen(edge));
+    if (!is_running(state().phase)) return;
+    react(ledger().edge_seen(edge));
+    confirm_by_edge();
   }
   void take(const rig::EdgeIgnored& edge) {
     if (is_running(state().phase)) react(ledger().edge_ignored(edge));
@@ -231,6 +235,11 @@ class Turn {
     for (const KeepFrame& frame : std::exchange(state().unconfirmed, {})) keep(frame);
   }
 
+  void confirm_by_edge() {
+    if (rules_.ledger.has_edge_per_bracket && is_running(state().phase))
+      confirm(ledger().proved_show_id());
+  }
+
   void discard_unconfirmed() {
     for (const KeepFrame& frame : std::exchange(state().unconfirmed, {})) {
       ledger().empty(frame.slot);
@@ -251,19 +260,6 @@ class Turn {
                    [this](const Arming& arming) {
                      return overdue_by(arming.deadline, Incident::kDeviceLost,
                                        "arming did not end in time");
-                   },
-                   [this](const Showing& showing) {
-                     if (ledger().has_edge()) return std::optional<Finding>();
-                     return ledger().has_swap()
-                                ? overdue_by(showing.deadline, Incident::kEdgeMissing,
-                                             "the picture was shown")
-                                : overdue_by(showing.deadline, Incident::kPictureNotShown,
-                                             "neither swap nor edge was reported");
-                   },
-                   [this](const Exposing& exposing) {
-                     if (ledger().is_showing_over()) return std::optional<Finding>();
-                     return overdue_by(exposing.deadline, Incident::kPulseMissing,
-                                       "the trigger box did not end its pulses");
                    },
                    [](const auto&) { return std::optional<Finding>(); }},
         state().phase);
@@ -313,10 +309,13 @@ class Turn {
     const Reaction reaction = reaction_to(finding.incident, rules_.bracketing);
     if (reaction != Reaction::kRetake) return reaction;
     if (finding.pattern == kPrimePattern) {
-      if (ledger().is_showing_spoiled()) return Reaction::kIgnore;
+      if (ledger().is_spoiled(finding.show_id)) return Reaction::kIgnore;
+      if (ledger().is_primed()) return Reaction::kRestart;  // it was to confirm the last pattern
       return state().is_priming_retaken ? Reaction::kRestart : Reaction::kRetake;
     }
-    return is_queued(finding.pattern) ? Reaction::kIgnore : Reaction::kRetake;
+    const bool is_retaken =
+        is_queued(finding.pattern) || ledger().is_shown_again(finding.pattern, finding.show_id);
+    return is_retaken ? Reaction::kIgnore : Reaction::kRetake;
   }
 
   bool is_queued(int pattern) {
@@ -325,7 +324,7 @@ class Turn {
 
   void retake(const Finding& finding) {
     if (finding.bracket == kNoBracket || finding.pattern == kPrimePattern)
-      ledger().spoil_showing();  // none of its frames can count
+      ledger().spoil_showing(finding.show_id);  // none of its frames can count
     if (finding.pattern == kPrimePattern)
       state().is_priming_retaken = true;  // proceed() primes until it has succeeded
     else
@@ -380,7 +379,7 @@ class Turn {
     if (const auto* settling = std::get_if<Settling>(&state().phase)) {
       if (now_ >= settling->deadline) arm();
     } else if (std::holds_alternative<Showing>(state().phase)) {
-      if (ledger().has_edge()) expose();
+      if (ledger().has_edge()) state().phase = Exposing{};
       if (ledger().is_showing_over()) show_next();
     } else if (std::holds_alternative<Exposing>(state().phase)) {
       if (ledger().is_showing_over()) show_next();
@@ -396,25 +395,38 @@ class Turn {
     if (ledger().is_primed()) state().retake_counts.front() = 0;
     while (!state().queue.empty() && ledger().is_filled(state().queue.front()))
       state().queue.pop_front();  // its frame came after all, of an earlier showing
-    if (!ledger().is_primed()) {
-      if (ledger().awaited_count() == 0) show(kPrimePattern);
+    const int open_count = ledger().open_showing_count();
+    if (const int bracket = ledger().next_bracket(); bracket != kNoBracket) {
+      show(ledger().showing_pattern(), bracket);
+    } else if (!ledger().is_primed()) {
+      if (open_count == 0) show(kPrimePattern, 0);
     } else if (ledger().is_complete()) {
       if (state().unconfirmed.empty()) return end(Outcome::kComplete);
-      state().phase = Confirming{ask_for(rig::kBlackPicture), now_ + rules_.edge_deadline};
+      confirm_last();
     } else if (!state().queue.empty()) {
-      if (ledger().awaited_before_last_count() == 0) {
+      if (open_count < kOpenShowingLimit) {
         const int pattern = state().queue.front();
         state().queue.pop_front();
-        show(pattern);
+        show(pattern, 0);
       }
     } else {
-      estimation::check(ledger().awaited_count() > 0, "open slots, but nothing is awaited");
+      estimation::check(open_count > 0, "open slots, but nothing is awaited");
     }
+  }
+
+  void confirm_last() {
+    const rig::HostTime deadline = now_ + rules_.ledger.edge_deadline;
+    if (!rules_.ledger.has_edge_per_bracket) {
+      state().phase = Confirming{ask_for(rig::kBlackPicture), deadline};
+      return;
+    }
+    show(kPrimePattern, 0);
+    state().phase = Confirming{};  // until the edge, whose deadline is the ledger's
   }
 
   void darken() {
     state().is_square_light = false;
-    state().phase = Darkening{ask_for(rig::kBlackPicture), now_ + rules_.edge_deadline};
+    state().phase = Darkening{ask_for(rig::kBlackPicture), now_ + rules_.ledger.edge_deadline};
     state().queue.clear();
     for (const int pattern : order_)
       if (!ledger().is_filled(pattern)) state().queue.push_back(pattern);
@@ -422,25 +434,20 @@ class Turn {
 
   void arm() {
     const int bracket_count = static_cast<int>(rules_.ledger.exposures.size());
-    // The patterns, the priming, and as many retakes as one pattern may have.
-    const int showing_count = static_cast<int>(state().queue.size()) + 1 + rules_.retake_limit;
+    // The patterns, the priming, what confirms the last, and as many retakes as one may have.
+    const int confirming_count = rules_.ledger.has_edge_per_bracket ? 1 : 0;
+    const int showing_count =
+        static_cast<int>(state().queue.size()) + 1 + confirming_count + rules_.retake_limit;
     ++state().run_id;
     state().phase = Arming{now_ + kArmDeadline};
     step_.actions.push_back(Arm{state().run_id, showing_count * bracket_count});
   }
 
-  void show(int pattern) {
+  void show(int pattern, int first_bracket) {
     state().is_square_light = !state().is_square_light;
     const std::uint64_t show_id = ask_for(pattern == kPrimePattern ? rig::kBlackPicture : pattern);
-    ledger().open_showing(pattern, show_id, state().is_square_light, now_);
-    state().phase = Showing{now_ + rules_.edge_deadline};
-  }
-
-  void expose() {
-    const auto& exposures = rules_.ledger.exposures;
-    const auto train = std::accumulate(exposures.begin(), exposures.end(),
-                                       rules_.ledger.gap * static_cast<int>(exposures.size()));
-    state().phase = Exposing{now_ + train + rules_.edge_deadline};
+    ledger().open_showing({pattern, first_bracket, show_id, state().is_square_light, now_});
+    state().phase = Showing{};
   }
 
   void end(Outcome outcome) {
@@ -483,6 +490,8 @@ std::optional<rig::HostTime> Sequence::deadline(const SequenceState& state) {
   std::optional<rig::HostTime> due =
       std::visit(Overloaded{[](const Idle&) { return std::optional<rig::HostTime>(); },
                             [](const Ended&) { return std::optional<rig::HostTime>(); },
+                            [](const Showing&) { return std::optional<rig::HostTime>(); },
+                            [](const Exposing&) { return std::optional<rig::HostTime>(); },
                             [](const Collecting&) { return std::optional<rig::HostTime>(); },
                             [](const Reopening& reopening) {
                               return std::optional(reopening.is_trying ? reopening.give_up

@@ -25,8 +25,15 @@
 // the device's time is up. A frame is handed on when a later picture has been shown: a projector
 // answers a show() only while its monitor is as it was opened (rig/projector.h), so the light of
 // the frame was ours. Confirming is that for the last pattern: black under the same square.
-// Deadlines: every waiting state has one in it or, for frames, in the ledger; deadline() is the
-// earliest, and TimePassed makes next() look at them.
+// Deadlines: every waiting state has one in it or, for edges, pulses and frames, in the ledger;
+// deadline() is the earliest, and TimePassed makes next() look at them.
+//
+// Without a trigger box (LedgerRules::has_edge_per_bracket) each bracket of a pattern is a showing:
+// the same picture under a flipped square, one edge, one frame, which alone tells of the edge. All
+// brackets of a pattern are shown in turn, the priming's too, and whatever became of one: the
+// camera's sequencer steps with the edges. A frame is handed on when the next edge has come in its
+// number: then no other light was taken for a flip between. Confirming is one more flip under black
+// for that.
 #pragma once
 
 #include <chrono>
@@ -50,8 +57,7 @@ namespace capture {
 struct SequenceRules {
   LedgerRules ledger;
   rig::Bracketing bracketing = rig::Bracketing::kSequencer;
-  std::chrono::milliseconds edge_deadline{500};  // from show() to the photodiode's edge
-  int retake_limit = 3;                          // per pattern
+  int retake_limit = 3;  // per pattern
   // For a lost device to come back; 0: there is nobody to open it anew.
   std::chrono::milliseconds reopen_deadline{0};
   int reopen_limit = 3;  // per capture
@@ -107,16 +113,13 @@ struct Settling {
 struct Arming {
   rig::HostTime deadline;
 };
-struct Showing {
-  rig::HostTime deadline;
-};
-struct Exposing {
-  rig::HostTime deadline;
-};
-struct Collecting {};  // the frames' deadlines are in the ledger
+// The ledger has the deadlines of edges, pulses and frames.
+struct Showing {};
+struct Exposing {};
+struct Collecting {};
 struct Confirming {
   std::uint64_t show_id = 0;
-  rig::HostTime deadline;
+  rig::HostTime deadline = rig::HostTime::max();
 };
 struct Reopening {
   std::vector<rig::Device> lost;  // the first is being opened

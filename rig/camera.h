@@ -6,8 +6,10 @@
 #include <chrono>
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "rig/clock.h"
 #include "rig/fault.h"
 
 namespace rig {
@@ -17,6 +19,13 @@ enum class Bracketing {
   kSequencer,    // GenICam sequencer: the camera steps through the exposures, one per trigger
   kTriggerWidth  // ExposureMode TriggerWidth: the pulse's width is the exposure
 };
+
+// Which change of the trigger line is a trigger: the box's pulse rises; a photodiode on the line
+// itself (sync mode camera_line) does both in turn.
+enum class TriggerEdge { kRising, kAny };
+
+// The trigger line that is none: trigger_software() is the trigger.
+inline constexpr std::string_view kSoftwareTrigger = "Software";
 
 // Set once at opening, from the rig file.
 struct CameraSettings {
@@ -30,6 +39,7 @@ struct CameraSettings {
   int packet_size_bytes = 0;  // 0: negotiated, at most the interface's MTU
   Bracketing bracketing = Bracketing::kSequencer;
   std::string trigger_line = "Line1";
+  TriggerEdge trigger_edge = TriggerEdge::kRising;
 };
 
 struct CameraIdentity {
@@ -43,6 +53,13 @@ struct CameraCounters {
   std::int64_t delivered_frame_count = 0;
   std::int64_t damaged_frame_count = 0;
   std::int64_t resent_packet_count = 0;
+};
+
+// The camera's clock read `device` when the host's read `host`, give or take `uncertainty`.
+struct CameraClockSample {
+  CameraClock::time_point device;
+  HostTime host;
+  std::chrono::nanoseconds uncertainty{0};
 };
 
 // Posts FrameArrived, FrameDamaged and DeviceFault{kCamera} to the EventSink given at opening, from
@@ -68,6 +85,14 @@ class Camera {
 
   // Errors: kDeviceLost.
   virtual Result<CameraCounters> counters() = 0;
+
+  // The clock that frames' timestamps are of. Errors: kUnsupported (it cannot be read);
+  // kDeviceLost.
+  virtual Result<CameraClockSample> read_clock() = 0;
+
+  // Armed: one exposure, now. Errors: kBusy if idle; kUnsupported unless the trigger line is
+  // "Software"; kDeviceLost.
+  virtual Result<void> trigger_software() = 0;
 };
 
 }  // namespace rig

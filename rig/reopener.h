@@ -45,6 +45,14 @@ class ReplaceableCamera final : public Camera {
     if (!camera_) return failure(Fault::kDeviceLost, "the camera is closed");
     return camera_->counters();
   }
+  Result<CameraClockSample> read_clock() override {
+    if (!camera_) return failure(Fault::kDeviceLost, "the camera is closed");
+    return camera_->read_clock();
+  }
+  Result<void> trigger_software() override {
+    if (!camera_) return failure(Fault::kDeviceLost, "the camera is closed");
+    return camera_->trigger_software();
+  }
 
  private:
   std::unique_ptr<Camera> camera_;  // nullptr: closed

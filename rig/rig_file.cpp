@@ -307,10 +307,44 @@ void read_sequence(Section& section, SequenceSettings& sequence) {
   section.integer("frame_deadline_ms", 10, 600000, into(sequence.frame_deadline));
   section.integer("retake_limit", 0, 100, into(sequence.retake_limit));
   section.integer("reopen_deadline_ms", 0, 600000, into(sequence.reopen_deadline));
+  section.choice<SyncMode>("sync",
+                           {{"trigger_box", SyncMode::kTriggerBox},
+                            {"camera_line", SyncMode::kCameraLine},
+                            {"software", SyncMode::kSoftware}},
+                           [&](SyncMode value) { sequence.sync = value; });
+  section.choice<Pace>("pace", {{"handshake", Pace::kHandshake}, {"paced", Pace::kPaced}},
+                       [&](Pace value) { sequence.pace = value; });
+  section.integer("readout_us", 0, kExposureLimit_us, into(sequence.readout));
   section.choice<bool>("order", {{"plan", false}, {"shuffled", true}},
                        [&](bool value) { sequence.is_shuffled = value; });
   section.integer("repeat_every", 0, 1000, into(sequence.repeat_every));
   section.report_unknown();
+}
+
+// What a rig without a trigger box cannot be told, and what its camera must be.
+void read_sync(const toml::table& document, Section& camera, Section& sequence, RigFile& rig,
+               Faults& faults) {
+  if (rig.sequence.sync == SyncMode::kTriggerBox) return;
+  const bool is_software = rig.sequence.sync == SyncMode::kSoftware;
+  const std::string mode =
+      is_software ? "sequence.sync = \"software\"" : "sequence.sync = \"camera_line\"";
+  if (const toml::node* trigger = document.get("trigger"); trigger != nullptr)
+    faults.add(trigger->source(), "trigger: a rig with " + mode +
+                                      " has no trigger box; delete the section [trigger], or set "
+                                      "sequence.sync to \"trigger_box\"");
+  if (rig.camera.bracketing == Bracketing::kTriggerWidth)
+    camera.fault_at("bracketing", "\"trigger_width\" needs a trigger box's pulses, and " + mode +
+                                      " has none; set it to \"sequencer\"");
+  if (!is_software) {
+    rig.camera.trigger_edge = TriggerEdge::kAny;
+    return;
+  }
+  if (rig.camera.trigger_line != CameraSettings{}.trigger_line)
+    camera.fault_at("trigger_line", mode + " uses no line; delete the key");
+  rig.camera.trigger_line = kSoftwareTrigger;
+  if (rig.sequence.pace == Pace::kPaced)
+    sequence.fault_at(
+        "pace", "\"paced\" needs a photodiode, and " + mode + " has none; set it to \"handshake\"");
 }
 
 RigFile read_document(const toml::table& document, const std::filesystem::path& path,
@@ -338,6 +372,7 @@ RigFile read_document(const toml::table& document, const std::filesystem::path& 
   read_trigger(trigger, rig.trigger);
   Section sequence = section("sequence");
   read_sequence(sequence, rig.sequence);
+  read_sync(document, camera, sequence, rig, faults);
   Section storage = section("storage");
   storage.text("directory", [&](const std::string& value) { rig.storage.directory = value; });
   storage.report_unknown();

@@ -24,11 +24,28 @@ struct SensorSettings {
   std::optional<double> read_noise_e;
 };
 
+// What tells the camera that a picture is shown, and the host that it was the right one.
+enum class SyncMode {
+  kTriggerBox,  // photodiode, trigger box on USB, one pulse a bracket
+  kCameraLine,  // the photodiode on the camera's line; each bracket is a flip of its own
+  kSoftware     // no photodiode: the host triggers, a measured time after the flip
+};
+
+// When the next picture is shown.
+enum class Pace {
+  kHandshake,  // when the last exposure of this one has ended
+  kPaced       // a fixed number of refreshes after this one
+};
+
 struct SequenceSettings {
+  SyncMode sync = SyncMode::kTriggerBox;
+  Pace pace = Pace::kHandshake;
   std::vector<std::chrono::microseconds> exposures;  // brackets, shortest first, 1 to 8
-  std::chrono::milliseconds edge_deadline{500};      // from show() to the photodiode's edge
-  std::chrono::milliseconds frame_deadline{1000};    // from the end of a pulse to its frame
-  int retake_limit = 3;                              // per pattern; then the capture fails
+  // From the end of an exposure until the camera takes the next trigger.
+  std::chrono::microseconds readout{5000};
+  std::chrono::milliseconds edge_deadline{500};    // from show() to the photodiode's edge
+  std::chrono::milliseconds frame_deadline{1000};  // from the end of a pulse to its frame
+  int retake_limit = 3;                            // per pattern; then the capture fails
   // For a lost device to come back during a capture; 0: the capture fails at once.
   std::chrono::milliseconds reopen_deadline{30'000};
   bool is_shuffled = false;  // order of the stripe shifts (estimation.md section 4)

@@ -84,6 +84,7 @@ SimCamera::SimCamera(rig::CameraSettings settings, CameraTiming timing, FaultSch
       timing_(timing),
       faults_(faults),
       timeline_(timeline),
+      sink_(&timeline),
       world_(world),
       light_(light),
       power_up_(timeline.now()) {
@@ -137,6 +138,21 @@ rig::Result<rig::CameraCounters> SimCamera::counters() {
   counters_.trigger_count = static_cast<std::int64_t>(engine_.trigger_count());
   counters_.missed_trigger_count = static_cast<std::int64_t>(engine_.missed_count());
   return counters_;
+}
+
+rig::Result<rig::CameraClockSample> SimCamera::read_clock() {
+  if (is_lost_) return tl::unexpected(lost());
+  return rig::CameraClockSample{camera_time(timeline_.now()), timeline_.now(), nanoseconds(0)};
+}
+
+rig::Result<void> SimCamera::trigger_software() {
+  if (is_lost_) return tl::unexpected(lost());
+  if (!is_armed_) return rig::failure(rig::Fault::kBusy, "the camera is not armed");
+  if (settings_.trigger_line != rig::kSoftwareTrigger)
+    return rig::failure(rig::Fault::kUnsupported,
+                        "the trigger line is " + settings_.trigger_line + ", not Software");
+  on_software_trigger_();
+  return {};
 }
 
 void SimCamera::pulse(const LinePulse& pulse) {
@@ -210,8 +226,7 @@ void SimCamera::send(const Shot& shot, std::vector<std::byte> pixels) {
   timeline_.schedule(arrival, [this, block_id = block_id_, arming = arming_number_] {
     if (arming != arming_number_) return;
     ++counters_.damaged_frame_count;
-    timeline_.post(
-        rig::FrameDamaged{block_id, {rig::Fault::kFrameIncomplete, "packets are missing"}});
+    sink_->post(rig::FrameDamaged{block_id, {rig::Fault::kFrameIncomplete, "packets are missing"}});
   });
 }
 
@@ -222,14 +237,14 @@ void SimCamera::deliver(rig::HostTime arrival, const Shot& shot, std::vector<std
     if (arming != arming_number_ || is_cable_pulled_) return;
     frame->received = timeline_.now();
     ++counters_.delivered_frame_count;
-    timeline_.post(rig::FrameArrived{std::move(*frame)});
+    sink_->post(rig::FrameArrived{std::move(*frame)});
   });
 }
 
 void SimCamera::lose() {
   if (std::exchange(is_lost_, true)) return;
   disarm();
-  timeline_.post(rig::DeviceFault{rig::Device::kCamera, lost()});
+  sink_->post(rig::DeviceFault{rig::Device::kCamera, lost()});
 }
 
 void SimCamera::power_off() {

@@ -3,8 +3,10 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "hw_sim/devices/timeline.h"
@@ -41,6 +43,16 @@ class SimCamera final : public rig::Camera {
                         int frame_count) override;
   void disarm() noexcept override;
   rig::Result<rig::CameraCounters> counters() override;
+  rig::Result<rig::CameraClockSample> read_clock() override;
+  rig::Result<void> trigger_software() override;
+
+  // Where its events go, instead of straight to the timeline.
+  void post_to(rig::EventSink& sink) { sink_ = &sink; }
+  // Called by trigger_software(): makes the pulse.
+  void on_software_trigger(std::function<void()> pulse) { on_software_trigger_ = std::move(pulse); }
+  bool is_armed() const { return is_armed_; }
+  // The bracket that the next pulse is of.
+  int next_bracket() const { return engine_.active_set(); }
 
   // The trigger line goes up now.
   void pulse(const LinePulse& pulse);
@@ -81,6 +93,8 @@ class SimCamera final : public rig::Camera {
   const CameraTiming timing_;
   FaultSchedule& faults_;
   Timeline& timeline_;
+  rig::EventSink* sink_;  // borrowed
+  std::function<void()> on_software_trigger_;
   const World& world_;
   const LightTimeline& light_;
   rig::HostTime power_up_;

@@ -70,6 +70,11 @@ std::optional<Shot> CameraModel::pulse(rig::HostTime start, std::chrono::microse
   return shoot(start, width);
 }
 
+bool CameraModel::is_trigger(bool is_rise) const {
+  return is_acquiring_ && registers_.get(kTriggerSource) == value_of(TriggerSource::kLine1) &&
+         (is_rise || registers_.get(kTriggerActivation) == value_of(TriggerActivation::kAnyEdge));
+}
+
 std::optional<Shot> CameraModel::take_software_shot() {
   return std::exchange(software_shot_, std::nullopt);
 }

@@ -45,6 +45,8 @@ class CameraModel {
 
   // A pulse on Line1. nullopt where it starts no exposure.
   std::optional<Shot> pulse(rig::HostTime start, std::chrono::microseconds width);
+  // Is Line1's going up, or down, a trigger?
+  bool is_trigger(bool is_rise) const;
   // A shot by TriggerSoftware since the last call.
   std::optional<Shot> take_software_shot();
 

@@ -91,6 +91,13 @@ Entries format_entries(const std::vector<std::string>& names) {
   return entries;
 }
 
+Entries activation_entries(const DeviceDescription& description) {
+  Entries entries{{"RisingEdge", value_of(TriggerActivation::kRisingEdge)}};
+  if (description.has_any_edge)
+    entries.emplace_back("AnyEdge", value_of(TriggerActivation::kAnyEdge));
+  return entries;
+}
+
 Register locked(Register row) {
   row.is_locked_while_acquiring = true;
   return row;
@@ -172,7 +179,7 @@ std::vector<Register> imaging_registers(const DeviceDescription& description) {
                   {{"Software", value_of(TriggerSource::kSoftware)},
                    {"Line1", value_of(TriggerSource::kLine1)}}),
       enumeration(kTriggerActivation, "TriggerActivation", "AcquisitionControl",
-                  {{"RisingEdge", 0}}),
+                  activation_entries(description)),
       command(kTriggerSoftware, "TriggerSoftware", "AcquisitionControl"),
       readable(kTriggerMissedCount, "TriggerMissedCount", "AcquisitionControl"),
       enumeration(kExposureMode, "ExposureMode", "AcquisitionControl",

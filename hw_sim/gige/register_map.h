@@ -95,6 +95,7 @@ enum RegisterAddress : std::uint32_t {
 
 // Values of enumerations, as written into their registers.
 enum class TriggerSource : std::uint32_t { kSoftware = 0, kLine1 = 1 };
+enum class TriggerActivation : std::uint32_t { kRisingEdge = 0, kAnyEdge = 1 };
 enum class ExposureMode : std::uint32_t { kTimed = 0, kTriggerWidth = 1 };
 enum class SequencerTrigger : std::uint32_t { kOff = 0, kFrameStart = 1 };
 enum class Counter : std::uint32_t { kTriggers = 0, kMissedTriggers = 1 };
@@ -145,6 +146,7 @@ struct DeviceDescription {
   int width_px = 0;     // of the sensor
   int height_px = 0;
   std::vector<std::string> pixel_formats;  // PFNC names; the first is the default
+  bool has_any_edge = true;                // TriggerActivation; else RisingEdge alone
 };
 
 // Memory and its rules; what a write sets in motion is camera_model.h. Not thread-safe.

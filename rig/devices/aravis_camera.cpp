@@ -65,6 +65,16 @@ constexpr std::array<ChunkName, 2> kSetChunks{
 constexpr std::array<const char*, 2> kExposureNames{"ExposureTime", "ExposureTimeAbs"};
 constexpr std::array<const char*, 2> kFirmwareNames{"DeviceFirmwareVersion", "DeviceVersion"};
 
+// How the clock is read: SFNC's names, and those of GigE Vision 1 (SFNC before 2.0).
+struct ClockNames {
+  const char* latch;
+  const char* value;
+  bool is_in_ns;
+};
+constexpr std::array<ClockNames, 2> kClockNames{
+    {{"TimestampLatch", "TimestampLatchValue", true},
+     {"GevTimestampControlLatch", "GevTimestampValue", false}}};
+
 // Which chunks this camera sends; empty where it has none.
 struct ChunkFeatures {
   std::string exposure, trigger_count, sequencer_set;
@@ -416,6 +426,7 @@ class AravisCamera::Impl {
   Result<void> arm(const std::vector<std::chrono::microseconds>& exposures, int frame_count);
   void disarm() noexcept;
   Result<CameraCounters> counters();
+  Result<CameraClockSample> read_clock();
   Result<void> trigger_software();
 
   const CameraIdentity& identity() const { return identity_; }
@@ -432,6 +443,7 @@ class AravisCamera::Impl {
   Result<void> set_chunks();
   Result<void> set_counters();
   Result<void> set_trigger();
+  Result<void> set_trigger_edge();
 
   Result<void> check_exposures(const std::vector<std::chrono::microseconds>& exposures) const;
   Result<void> set_exposures(const std::vector<std::chrono::microseconds>& exposures);
@@ -443,6 +455,7 @@ class AravisCamera::Impl {
   Result<GObjectPtr<ArvStream>> open_stream();
   Result<void> start_acquisition(int frame_count);
   Result<std::int64_t> trigger_count();
+  Result<double> tick_ns();
 
   // kDeviceLost also latches: nothing is asked of a dead camera twice.
   template <typename T>
@@ -667,6 +680,9 @@ Result<void> AravisCamera::Impl::set_counters() {
   const std::string source = features_.text("CounterEventSource").value_or("");
   has_trigger_counter_ = source == "FrameTrigger" ||
                          set_enumeration_if_present("CounterEventSource", settings_.trigger_line);
+  if (settings_.trigger_edge == TriggerEdge::kAny && source != "FrameTrigger")
+    has_trigger_counter_ =
+        has_trigger_counter_ && set_enumeration_if_present("CounterEventActivation", "AnyEdge");
   if (!has_trigger_counter_ && chunks_.trigger_count == "ChunkCounterValue")
     chunks_.trigger_count.clear();  // it counts something else
   return {};
@@ -681,7 +697,25 @@ Result<void> AravisCamera::Impl::set_trigger() {
   return in_order([&] { return set_text_where_present("TriggerSelector", "FrameStart"); },
                   [&] { return features_.set_text("TriggerMode", "On"); },
                   [&] { return features_.set_text("TriggerSource", settings_.trigger_line); },
-                  [&] { return set_text_where_present("TriggerActivation", "RisingEdge"); });
+                  [&] { return set_trigger_edge(); });
+}
+
+// A photodiode on the line makes an edge of either kind in turn, so the camera must take both; and
+// only its own count of them proves that none was missed.
+Result<void> AravisCamera::Impl::set_trigger_edge() {
+  if (settings_.trigger_edge == TriggerEdge::kRising)
+    return set_text_where_present("TriggerActivation", "RisingEdge");
+  constexpr const char* kRemedy =
+      "; put a trigger box between, and set sequence.sync to \"trigger_box\" in the rig file";
+  if (!features_.has_entry("TriggerActivation", "AnyEdge"))
+    return failure(Fault::kUnsupported,
+                   at("the camera at ") + " has no TriggerActivation AnyEdge but " +
+                       joined(features_.entries("TriggerActivation")) + kRemedy);
+  if (chunks_.trigger_count.empty())
+    return failure(Fault::kUnsupported,
+                   at("the camera at ") +
+                       " does not say with its frames how many triggers it has seen" + kRemedy);
+  return features_.set_text("TriggerActivation", "AnyEdge");
 }
 
 Result<void> AravisCamera::Impl::arm(const std::vector<std::chrono::microseconds>& exposures,
@@ -898,10 +932,43 @@ Result<CameraCounters> AravisCamera::Impl::counters() {
   return counters;
 }
 
+// Of the clock as GigE Vision 1 counts it; Aravis divides frames' timestamps by the same.
+Result<double> AravisCamera::Impl::tick_ns() {
+  GError* error = nullptr;
+  const guint64 ticks_per_s = arv_gv_device_get_timestamp_tick_frequency(
+      ARV_GV_DEVICE(arv_camera_get_device(camera_.get())), &error);
+  if (auto read = take_error(&error, "reading the clock's tick frequency"); !read)
+    return tl::unexpected(read.error());
+  return 1e9 / static_cast<double>(std::max<guint64>(ticks_per_s, 1));
+}
+
+// The clock is latched somewhere between asking and being answered.
+Result<CameraClockSample> AravisCamera::Impl::read_clock() {
+  if (loss_->is_lost()) return tl::unexpected(lost_error());
+  for (const ClockNames& names : kClockNames) {
+    if (!features_.has(names.latch)) continue;
+    const HostTime asked = HostClock::now();
+    if (auto latched = noting_loss(features_.execute(names.latch)); !latched)
+      return tl::unexpected(latched.error());
+    const HostTime answered = HostClock::now();
+    const Result<std::int64_t> ticks = noting_loss(features_.integer(names.value));
+    if (!ticks) return tl::unexpected(ticks.error());
+    const Result<double> ns_per_tick = names.is_in_ns ? 1.0 : noting_loss(tick_ns());
+    if (!ns_per_tick) return tl::unexpected(ns_per_tick.error());
+    const std::chrono::nanoseconds since_zero(
+        std::llround(static_cast<double>(*ticks) * *ns_per_tick));
+    return CameraClockSample{CameraClock::time_point(since_zero), asked + (answered - asked) / 2,
+                             (answered - asked) / 2};
+  }
+  return failure(Fault::kUnsupported,
+                 at("the clock of the camera at ") +
+                     " cannot be read; set sequence.sync to \"trigger_box\" in the rig file");
+}
+
 Result<void> AravisCamera::Impl::trigger_software() {
   if (loss_->is_lost()) return tl::unexpected(lost_error());
   if (!acquisition_) return failure(Fault::kBusy, "the camera is not armed");
-  if (settings_.trigger_line != "Software")
+  if (settings_.trigger_line != kSoftwareTrigger)
     return failure(Fault::kUnsupported,
                    "the trigger line is " + settings_.trigger_line + ", not Software");
   return noting_loss(features_.execute("TriggerSoftware"));
@@ -934,6 +1001,8 @@ Result<void> AravisCamera::arm(const std::vector<std::chrono::microseconds>& bra
 void AravisCamera::disarm() noexcept { impl_->disarm(); }
 
 Result<CameraCounters> AravisCamera::counters() { return impl_->counters(); }
+
+Result<CameraClockSample> AravisCamera::read_clock() { return impl_->read_clock(); }
 
 Result<void> AravisCamera::trigger_software() { return impl_->trigger_software(); }
 

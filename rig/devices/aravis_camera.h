@@ -21,9 +21,9 @@ namespace rig {
 class AravisCamera final : public Camera {
  public:
   // Opens, takes control, verifies the serial number, writes and reads back every setting.
-  // `settings.trigger_line` "Software" lets trigger_software() be the trigger. Errors: kNotFound
-  // (no camera answers, or it has another serial number); kAccessDenied (another program controls
-  // it); kUnsupported and kReadBackMismatch, naming the feature; kOutOfRange; kDeviceLost.
+  // Errors: kNotFound (no camera answers, or it has another serial number); kAccessDenied (another
+  // program controls it); kUnsupported and kReadBackMismatch, naming the feature; kOutOfRange;
+  // kDeviceLost.
   static Result<std::unique_ptr<AravisCamera>> open(const CameraSettings& settings,
                                                     EventSink& sink);
   ~AravisCamera() override;
@@ -33,10 +33,8 @@ class AravisCamera final : public Camera {
                    int frame_count) override;
   void disarm() noexcept override;
   Result<CameraCounters> counters() override;
-
-  // Armed: one exposure, now. Errors: kBusy if idle; kUnsupported unless the trigger line is
-  // "Software"; kDeviceLost.
-  Result<void> trigger_software();
+  Result<CameraClockSample> read_clock() override;
+  Result<void> trigger_software() override;
   // What GigE Vision sends in one packet, headers included: as negotiated.
   int packet_size_bytes() const;
 

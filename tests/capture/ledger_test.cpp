@@ -34,7 +34,7 @@ class LedgerTest : public testing::Test {
   void showing(int pattern) {
     frames_.clear();
     is_light_ = !is_light_;
-    ledger_.open_showing(pattern, ++show_id_, is_light_, now_);
+    ledger_.open_showing({pattern, 0, ++show_id_, is_light_, now_});
     EXPECT_TRUE(ledger_.picture_shown({show_id_, now_ + milliseconds(10)}).empty());
     now_ += milliseconds(30);
     EXPECT_TRUE(ledger_.edge_seen({++edge_number_, is_light_, now_}).empty());
@@ -176,7 +176,7 @@ TEST_F(LedgerTest, DamagedBlockEndsTheWait) {
   ASSERT_EQ(findings.size(), 1U);
   EXPECT_EQ(findings[0].incident, Incident::kFrameDamaged);
   EXPECT_EQ(findings[0].bracket, 1);
-  EXPECT_EQ(ledger_.awaited_count(), 1);
+  EXPECT_EQ(ledger_.open_showing_count(), 1);
   EXPECT_TRUE(ledger_.frame_damaged({0, {}}).empty());
   EXPECT_TRUE(ledger_.frame_damaged({4711, {}}).empty());
 }
@@ -196,14 +196,14 @@ TEST_F(LedgerTest, FrameWaitsForTheNewsOfItsPulseButNotForEver) {
 }
 
 TEST_F(LedgerTest, EdgeToTheOtherLevelIsWrong) {
-  ledger_.open_showing(1, ++show_id_, !is_light_, now_);
+  ledger_.open_showing({1, 0, ++show_id_, !is_light_, now_});
   const Findings findings = ledger_.edge_seen({edge_number_ + 1, is_light_, now_});
   ASSERT_EQ(findings.size(), 1U);
   EXPECT_EQ(findings[0].incident, Incident::kEdgeWrongLevel);
 }
 
 TEST_F(LedgerTest, EdgeLongBeforeTheSwapIsNotOurs) {
-  ledger_.open_showing(1, ++show_id_, !is_light_, now_);
+  ledger_.open_showing({1, 0, ++show_id_, !is_light_, now_});
   EXPECT_TRUE(ledger_.edge_seen({edge_number_ + 1, !is_light_, now_}).empty());
   const Findings findings = ledger_.picture_shown({show_id_, now_ + milliseconds(17)});
   ASSERT_EQ(findings.size(), 1U);
@@ -213,7 +213,7 @@ TEST_F(LedgerTest, EdgeLongBeforeTheSwapIsNotOurs) {
 TEST_F(LedgerTest, SkippedAndSurplusEdgesAreOutOfOrder) {
   EXPECT_EQ(ledger_.edge_seen({edge_number_ + 1, is_light_, now_}).at(0).incident,
             Incident::kEdgeOutOfOrder);
-  ledger_.open_showing(1, ++show_id_, !is_light_, now_);
+  ledger_.open_showing({1, 0, ++show_id_, !is_light_, now_});
   EXPECT_EQ(ledger_.edge_seen({edge_number_ + 2, !is_light_, now_}).at(0).incident,
             Incident::kEdgeOutOfOrder);
 }
@@ -222,7 +222,7 @@ TEST_F(LedgerTest, SurplusSkippedAndForeignPulsesAreOutOfOrder) {
   EXPECT_EQ(
       ledger_.pulse_ended({edge_number_, 2, pulse_number_ + 1, now_, now_}, now_).at(0).incident,
       Incident::kPulseOutOfOrder);
-  ledger_.open_showing(1, ++show_id_, !is_light_, now_);
+  ledger_.open_showing({1, 0, ++show_id_, !is_light_, now_});
   ASSERT_TRUE(ledger_.edge_seen({++edge_number_, !is_light_, now_}).empty());
   for (const rig::PulseEnded& wrong :
        {rig::PulseEnded{edge_number_, 0, pulse_number_ + 2, now_, now_},
@@ -238,7 +238,7 @@ TEST_F(LedgerTest, BounceIsIgnoredButALaterChangeOfLightIsNot) {
       ledger_.edge_ignored({edge_number_, is_light_, edge + milliseconds(20)});
   ASSERT_EQ(findings.size(), 1U);
   EXPECT_EQ(findings[0].incident, Incident::kEdgeDuringExposure);
-  ledger_.spoil_showing();
+  ledger_.spoil_showing(show_id_);
   EXPECT_EQ(incident_of_frame(frames_[0]), std::nullopt);
   EXPECT_TRUE(kept_.empty()) << "a frame of a spoiled showing";
 }
@@ -257,7 +257,7 @@ TEST_F(LedgerTest, NewRunForgetsNumbersButNotFilledSlots) {
   EXPECT_EQ(incident_of_frame(frames_[0]), std::nullopt);
   ledger_.start_run();
   EXPECT_EQ(ledger_.filled_count(), 1);
-  EXPECT_EQ(ledger_.awaited_count(), 0);
+  EXPECT_EQ(ledger_.open_showing_count(), 0);
   EXPECT_FALSE(ledger_.is_primed());
   EXPECT_FALSE(ledger_.next_due());
 }
