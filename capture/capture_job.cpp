@@ -4,11 +4,12 @@
 #include <optional>
 #include <utility>
 
-#include "capture/journal.h"
 #include "capture/live_estimate.h"
+#include "capture/motion_file.h"
 #include "capture/results.h"
 #include "capture/session_plan.h"
 #include "capture/session_writer.h"
+#include "capture/take_run.h"
 
 namespace capture {
 namespace {
@@ -21,24 +22,6 @@ CaptureResult refusal(ExitCode exit_code, std::string message) {
   result.message = std::move(message);
   return result;
 }
-
-// Both that want the frames, fed from one place; `estimate` is null where nobody wants maps.
-class FrameFork final : public FrameConsumer {
- public:
-  FrameFork(SessionWriter& writer, LiveEstimate* estimate) : writer_(writer), estimate_(estimate) {}
-  void consume(const CapturedFrame& frame) override {
-    writer_.write(frame);
-    if (estimate_ != nullptr) estimate_->add(frame);
-  }
-  std::optional<std::string> failure() const override {
-    const auto fault = writer_.fault();
-    return fault ? std::optional(fault->text()) : std::nullopt;
-  }
-
- private:
-  SessionWriter& writer_;
-  LiveEstimate* estimate_;
-};
 
 SessionState state_of(Outcome outcome) {
   switch (outcome) {
@@ -66,62 +49,43 @@ ExitCode exit_code_of(const RunResult& run) {
   }
 }
 
-std::optional<estimation::SessionFailure> describe(const std::optional<Failure>& failure) {
+std::optional<estimation::SessionFailure> describe(const std::optional<Failure>& failure,
+                                                   const Take& take) {
   if (!failure) return std::nullopt;
   estimation::SessionFailure described{
       std::string(to_string(failure->incident)), {}, failure->text};
-  for (const SlotId slot : failure->slots) described.slots.push_back(to_string(slot));
+  for (const SlotId slot : failure->slots) described.slots.push_back(take.name_of(slot));
   return described;
 }
 
-// Tells of progress when there is any: slots, retakes, or the pattern that is shown.
-class ProgressTeller {
- public:
-  ProgressTeller(int slot_count, const OnProgress& on_progress) : on_progress_(on_progress) {
-    progress_.slots_total = slot_count;
-  }
-  void tell(const SequenceState& state) {
-    CaptureProgress next = progress_;
-    next.slots_filled = state.ledger.filled_count();
-    next.retake_count = retake_count(state);
-    const int pattern = state.ledger.showing_pattern();
-    next.text = pattern == kPrimePattern ? "arming" : "pattern " + std::to_string(pattern);
-    if (const auto* reopening = std::get_if<Reopening>(&state.phase); reopening != nullptr)
-      next.text =
-          "waiting for the " + std::string(to_string(reopening->lost.front())) + ", which is lost";
-    if (next.slots_filled == progress_.slots_filled && next.text == progress_.text &&
-        next.retake_count == progress_.retake_count)
-      return;
-    progress_ = next;
-    tell();
-  }
-  void tell_estimating() {
-    progress_.phase = CaptureProgress::Phase::kEstimating;
-    progress_.text = "computing the maps";
-    tell();
-  }
-
- private:
-  void tell() const {
-    if (on_progress_) on_progress_(progress_);
-  }
-  const OnProgress& on_progress_;
-  CaptureProgress progress_;
-};
-
-// Looking at the clock is an event like any other, but only news when it changed something.
-bool is_worth_noting(const Transition& transition) {
-  return !std::holds_alternative<TimePassed>(transition.event) || !transition.reacted.empty() ||
-         transition.from != name_of(transition.state.phase);
-}
-
-std::string summary(const RunResult& run) {
+std::string summary(const RunResult& run, int slot_count) {
   if (run.outcome == Outcome::kAborted) return "aborted; the frames so far are kept";
   if (run.outcome == Outcome::kFailed) return run.failure->text;
-  std::string text = std::to_string(run.slots.size()) + " of " + std::to_string(run.slots.size()) +
-                     " slots filled";
+  std::string text =
+      std::to_string(slot_count) + " of " + std::to_string(slot_count) + " slots filled";
   if (run.retake_count > 0) text += ", " + std::to_string(run.retake_count) + " retaken";
   return text;
+}
+
+// Calibrations take frames alone, of what does not breathe.
+Take take_of(const Plan& plan, const rig::RigFile& rig_file, CaptureProduct product) {
+  return make_take(plan, product == CaptureProduct::kMaps ? rig_file.sequence.repeat_every : 0);
+}
+
+std::unique_ptr<MotionWatch> make_watch(const estimation::Manifest& manifest, const Take& take,
+                                        const rig::RigFile& rig_file) {
+  if (!take.repeated) return nullptr;
+  return std::make_unique<MotionWatch>(manifest, *take.repeated, take.plan.exposures.size(),
+                                       static_cast<std::size_t>(take.plan.slot_count()),
+                                       rig_file.sequence.is_shuffled);
+}
+
+// Beside the frames, whatever became of the capture; a reader of sessions needs none of it.
+void note_motion(const estimation::MotionReport& report, int pattern, CaptureResult& result) {
+  result.motion = report.text;
+  if (report.repeats.empty()) return;
+  if (const auto written = write_motion(result.session, report, pattern); !written)
+    result.notes.push_back("motion not stored: " + written.error().text());
 }
 
 }  // namespace
@@ -168,22 +132,16 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
     estimate = *std::move(started);
   }
 
-  FrameFork fork(**writer, estimate.get());
-  ProgressTeller teller(plan_.slot_count(), on_progress);
-  const rig::HostTime start = devices.events.now();
-  const double refresh_hz = devices.projector.report().measured_refresh_hz;
-  SequenceRules rules = make_rules(rig_file_, refresh_hz);
-  rules.ledger.exposures = plan_.exposures;
-  const RunResult run = run_capture(devices, plan_, rig_file_.projector, rules, fork, stop,
-                                    [&](const Transition& transition) {
-                                      if (is_worth_noting(transition))
-                                        (*writer)->journal(journal_line(transition, start));
-                                      teller.tell(transition.state);
-                                    });
+  const Take take = take_of(plan_, rig_file_, options_.product);
+  const auto watch = make_watch(manifest, take, rig_file_);
+  ProgressTeller teller(0, plan_.slot_count(), on_progress);
+  const RunResult run =
+      run_take(devices, rig_file_, take, {**writer, estimate.get(), watch.get()}, stop, teller);
   result.state = state_of(run.outcome);
   result.exit_code = exit_code_of(run);
-  result.message = summary(run);
-  const auto stored = (*writer)->finish(result.state, describe(run.failure));
+  result.message = summary(run, plan_.slot_count());
+  if (watch) note_motion(watch->finish(), *take.repeated, result);
+  const auto stored = (*writer)->finish(result.state, describe(run.failure, take));
   if (!stored) {
     result.state = SessionState::kFailed;
     result.exit_code = ExitCode::kStorage;
@@ -191,14 +149,14 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
   }
   if (result.state != SessionState::kComplete || !estimate) return result;
 
-  teller.tell_estimating();
+  teller.tell_estimating(result.motion);
   const auto estimated = estimate->finish();
   if (!estimated) {
     result.exit_code = ExitCode::kFailed;
     result.message += "; no maps: " + estimated.error().text();
     return result;
   }
-  result.notes = estimated->notes;
+  result.notes.insert(result.notes.end(), estimated->notes.begin(), estimated->notes.end());
   const auto pictures = write_results(*estimated, manifest, result.session, result.session / "maps",
                                       result.session / "report");
   if (!pictures) {

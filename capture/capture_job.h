@@ -13,6 +13,7 @@
 #include "capture/exit_code.h"
 #include "capture/plan.h"
 #include "capture/runner.h"
+#include "capture/take_run.h"
 #include "estimation/estimator.h"
 #include "estimation/session/manifest.h"
 #include "rig/rig_file.h"
@@ -32,22 +33,12 @@ struct CaptureOptions {
   estimation::EstimatorOptions estimator;
 };
 
-struct CaptureProgress {
-  enum class Phase { kCapturing, kEstimating };
-  Phase phase = Phase::kCapturing;
-  int slots_filled = 0;
-  int slots_total = 0;
-  int retake_count = 0;
-  std::string text;  // what is going on, one clause
-};
-// Called on the session thread, at each change.
-using OnProgress = std::function<void(const CaptureProgress&)>;
-
 struct CaptureResult {
   ExitCode exit_code = ExitCode::kFailed;
   std::string message;            // one sentence, with the remedy if there is one to give
   std::filesystem::path session;  // empty: no folder was made
   estimation::SessionState state = estimation::SessionState::kFailed;
+  std::string motion;                 // has anything moved, one sentence; empty: not watched
   std::vector<std::string> pictures;  // quick-look files, relative to the session
   std::vector<std::string> notes;     // what could not be computed, and why
 };

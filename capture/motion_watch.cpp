@@ -1,0 +1,122 @@
+#include "capture/motion_watch.h"
+
+#include <utility>
+
+#include "estimation/base/check.h"
+
+namespace capture {
+namespace {
+
+estimation::Axis axis_of(const estimation::PatternKind& kind) {
+  if (const auto* stripes = std::get_if<estimation::Stripes>(&kind)) return stripes->axis;
+  if (const auto* gray = std::get_if<estimation::GrayCode>(&kind)) return gray->axis;
+  if (const auto* fringe = std::get_if<estimation::Fringe>(&kind)) return fringe->axis;
+  return estimation::Axis::kColumn;
+}
+
+estimation::MotionScale scale_of(const estimation::Manifest& manifest, int pattern) {
+  const estimation::Pattern* repeated = manifest.find_pattern(pattern);
+  estimation::check(repeated != nullptr, "the pattern that is repeated is none of the session's");
+  return estimation::motion_scale(manifest.camera, manifest.calibration, axis_of(repeated->kind));
+}
+
+estimation::MotionRules rules_for(bool is_shuffled) {
+  estimation::MotionRules rules;
+  rules.is_shuffled = is_shuffled;
+  return rules;
+}
+
+}  // namespace
+
+MotionWatch::MotionWatch(const estimation::Manifest& manifest, int pattern,
+                         std::size_t bracket_count, std::size_t frame_count, bool is_shuffled)
+    : camera_(manifest.camera),
+      scale_(scale_of(manifest, pattern)),
+      rules_(rules_for(is_shuffled)),
+      bracket_count_(bracket_count),
+      queue_(frame_count),
+      thread_([this] { run(); }) {}
+
+MotionWatch::~MotionWatch() { queue_.close(); }
+
+void MotionWatch::add_first(const CapturedFrame& frame) {
+  queue_.push(std::make_shared<const Item>(
+      Item{std::nullopt, frame.slot.bracket, frame.evidence.edge, frame.frame, {}}));
+}
+
+void MotionWatch::add_first(int bracket, rig::HostTime edge, estimation::Image<std::uint16_t> dn) {
+  queue_.push(
+      std::make_shared<const Item>(Item{std::nullopt, bracket, edge, nullptr, std::move(dn)}));
+}
+
+void MotionWatch::add_repeat(int repeat, const CapturedFrame& frame) {
+  queue_.push(std::make_shared<const Item>(
+      Item{repeat, frame.slot.bracket, frame.evidence.edge, frame.frame, {}}));
+}
+
+void MotionWatch::run() {
+  while (const auto item = queue_.pop()) {
+    if (!(*item)->repeat) {
+      firsts_[(*item)->bracket] = *item;
+      if (firsts_.size() == bracket_count_) choose_bracket();
+    } else {
+      waiting_.push_back(*item);
+    }
+    if (!bracket_) continue;
+    for (const auto& waiting : std::exchange(waiting_, {}))
+      if (waiting->bracket == *bracket_) compare(*waiting->repeat, *waiting);
+  }
+}
+
+template <typename Use>
+void MotionWatch::with_samples(const Item& item, const Use& use) {
+  if (!item.frame) return use(item.stored.view());
+  const FrameSamples samples(*item.frame);
+  use(samples.view());
+}
+
+bool MotionWatch::hardly_clips(const Item& item) const {
+  if (!camera_.saturation_level_dn) return true;
+  std::size_t clipped_count = 0, count = 0;
+  with_samples(item, [&](estimation::ImageView<const std::uint16_t> dn) {
+    for (int row = 0; row < dn.height_px; ++row) {
+      for (const std::uint16_t sample : dn.row(row))
+        if (sample >= *camera_.saturation_level_dn) ++clipped_count;
+      count += dn.row(row).size();
+    }
+  });
+  constexpr double kMostClippedFrac = 0.01;
+  return static_cast<double>(clipped_count) <= kMostClippedFrac * static_cast<double>(count);
+}
+
+void MotionWatch::choose_bracket() {
+  bracket_ = 0;
+  for (const auto& [bracket, item] : firsts_)
+    if (hardly_clips(*item)) bracket_ = bracket;
+  std::erase_if(firsts_, [this](const auto& first) { return first.first != *bracket_; });
+}
+
+void MotionWatch::compare(int repeat, const Item& item) {
+  const Item& first = *firsts_.at(*bracket_);
+  estimation::Repeat& told = repeats_[repeat];
+  told.elapsed_s = std::chrono::duration<double>(item.edge - first.edge).count();
+  with_samples(first, [&](estimation::ImageView<const std::uint16_t> before) {
+    with_samples(item, [&](estimation::ImageView<const std::uint16_t> after) {
+      const auto change = estimation::measure_change(camera_, before, after);
+      if (change)
+        told.change = *change;
+      else
+        told.objection = change.error().text();
+    });
+  });
+}
+
+estimation::MotionReport MotionWatch::finish() {
+  queue_.close();
+  thread_.join();
+  std::vector<estimation::Repeat> repeats;
+  for (auto& [number, repeat] : repeats_) repeats.push_back(std::move(repeat));
+  return estimation::judge_motion(std::move(repeats), scale_, rules_);
+}
+
+}  // namespace capture

@@ -1,0 +1,71 @@
+// Compares the repeats of a pattern with its first showing while the capture goes on.
+#pragma once
+
+#include <chrono>
+#include <map>
+#include <memory>
+#include <optional>
+#include <thread>
+#include <vector>
+
+#include "capture/bounded_queue.h"
+#include "capture/captured_frame.h"
+#include "estimation/base/image.h"
+#include "estimation/motion/motion_verdict.h"
+#include "estimation/session/manifest.h"
+
+namespace capture {
+
+// Calls come from the session thread; frames are compared on a thread of its own. Of the brackets
+// it takes the longest in which hardly anything clips. The queue has room for every frame: add does
+// not block.
+class MotionWatch {
+ public:
+  // `manifest` describes camera, projector and calibration, and has the pattern that is repeated.
+  // `frame_count`: at most so many frames come, first showing and repeats together.
+  MotionWatch(const estimation::Manifest& manifest, int pattern, std::size_t bracket_count,
+              std::size_t frame_count, bool is_shuffled);
+  ~MotionWatch();
+  MotionWatch(const MotionWatch&) = delete;
+  MotionWatch& operator=(const MotionWatch&) = delete;
+
+  // A frame of the first showing: just taken, or read back from the disk.
+  void add_first(const CapturedFrame& frame);
+  void add_first(int bracket, rig::HostTime edge, estimation::Image<std::uint16_t> dn);
+  // A frame of a repeat; `repeat` is its number, whatever the order.
+  void add_repeat(int repeat, const CapturedFrame& frame);
+
+  // Waits for the frames on their way, then judges. Once. Repeats whose frames did not come, and
+  // all if the first showing's did not, are not judged.
+  estimation::MotionReport finish();
+
+ private:
+  struct Item {
+    std::optional<int> repeat;  // none: of the first showing
+    int bracket = 0;
+    rig::HostTime edge;
+    std::shared_ptr<const rig::Frame> frame;
+    estimation::Image<std::uint16_t> stored;  // where there is no frame
+  };
+  void run();
+  void choose_bracket();
+  void compare(int repeat, const Item& item);
+  bool hardly_clips(const Item& item) const;
+  // Calls `use` with the samples, which live as long as the call.
+  template <typename Use>
+  static void with_samples(const Item& item, const Use& use);
+
+  const estimation::CameraInfo camera_;
+  const estimation::MotionScale scale_;
+  const estimation::MotionRules rules_;
+  const std::size_t bracket_count_;
+  // The watch thread's until it has ended.
+  std::map<int, std::shared_ptr<const Item>> firsts_;  // by bracket
+  std::optional<int> bracket_;                         // that is compared
+  std::vector<std::shared_ptr<const Item>> waiting_;   // repeats, for the first showing
+  std::map<int, estimation::Repeat> repeats_;
+  BoundedQueue<std::shared_ptr<const Item>> queue_;
+  std::jthread thread_;
+};
+
+}  // namespace capture

@@ -1,0 +1,44 @@
+// What one run of the sequence shows, and what each showing is for: slots of the session, or
+// repeats of a pattern that tell whether subject and light have stayed as they were.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "capture/plan.h"
+
+namespace capture {
+
+struct TakeEntry {
+  int pattern = 0;  // of the session
+  bool is_repeat = false;
+  std::vector<bool> is_open;  // [bracket] its frame is for the session, which lacks it
+};
+
+struct Take {
+  Plan plan;                       // as the sequence runs it: a repeat is a pattern of its own
+  std::vector<TakeEntry> entries;  // [position in plan.patterns]
+  std::optional<int> repeated;     // the session's pattern that is shown again
+
+  // The slot of the session that a slot of `plan` fills; nullopt: none.
+  std::optional<SlotId> session_slot(SlotId slot) const;
+  const TakeEntry& entry(SlotId slot) const {
+    return entries[static_cast<std::size_t>(slot.pattern)];
+  }
+  int repeat_number(int position) const;  // 1, 2, ...
+  int open_slot_count() const;
+  // "pattern 17 bracket 1", "repeat 2 of pattern 0 bracket 1".
+  std::string name_of(SlotId slot) const;
+};
+
+// The whole plan, the first pattern repeated after every `repeat_every` showings and at the end; 0:
+// never.
+Take make_take(const Plan& session_plan, int repeat_every);
+
+// The patterns that have an open slot, [pattern * brackets + bracket], in the plan's order;
+// `repeated`, which need not be open, is repeated in the same way.
+Take make_take(const Plan& session_plan, const std::vector<bool>& is_open, int repeated,
+               int repeat_every);
+
+}  // namespace capture
