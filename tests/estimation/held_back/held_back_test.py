@@ -117,7 +117,7 @@ class HeldBack(unittest.TestCase):
         """Of a red cheek: bias below 0.5%, uncertainty as stated, u to 0.02 px."""
         for shape in ({"tilt_deg": 35}, {"shape": "sphere"}):
             with self.subTest(**shape):
-                self.make(format="Mono16", size=[36, 30], media=[(0.0525, 1.2814)], indirect=0.1,
+                self.make(format="Mono16", size=[27, 22], media=[(0.0525, 1.2814)], indirect=0.1,
                           **shape)
                 self.estimate("--indirect", "free")
                 maps = self.maps()
@@ -137,7 +137,7 @@ class HeldBack(unittest.TestCase):
                             ("red_cheek", {"tilt_deg": 55, "azimuth_deg": 0}),
                             ("red_cheek", {"shape": "sphere", "indirect": 0.1})):
             with self.subTest(name=name, **scene):
-                self.make(format="Mono16", size=[36, 30], monte_carlo=(MONTE_CARLO, [name]),
+                self.make(format="Mono16", size=[27, 22], monte_carlo=(MONTE_CARLO, [name]),
                           **scene)
                 notes = self.estimate("--model", "monte_carlo")
                 self.assertNotIn("do not look like", notes)

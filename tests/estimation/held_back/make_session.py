@@ -5,6 +5,7 @@ harmonics: the response to the edge of a lit half-plane, one sum over the edges 
 the pixel. Image files are written by hand.
 """
 import bisect
+import functools
 import json
 import math
 import os
@@ -38,8 +39,8 @@ def dipole(medium):
 
 
 class MonteCarlo:
-    """R~(k) per transmitted flux of a medium of mc_truth_rf.csv, straight lines in its logarithm
-    over f; beyond 1/mm it goes on as the power of its last fifth."""
+    """R~(k) per transmitted flux of a medium of mc_truth_rf.csv, a cubic in its logarithm over f,
+    which is even; beyond 1/mm it goes on as the power of its last fifth."""
 
     def __init__(self, path, name):
         with open(path) as file:
@@ -57,7 +58,10 @@ class MonteCarlo:
         if place >= last:
             return math.exp(self.log[last] + self.power * math.log(place / last))
         i = int(place)
-        return math.exp(self.log[i] + (place - i) * (self.log[i + 1] - self.log[i]))
+        a, b, c, d = (self.log[j] for j in (abs(i - 1), i, i + 1, min(i + 2, last)))
+        t = place - i
+        return math.exp(b + t / 2 * (c - a + t * (2 * a - 5 * b + 4 * c - d +
+                                                 t * (3 * (b - c) + d - a))))
 
 
 def transmission(cosine):
@@ -81,40 +85,67 @@ def exit_radiance(cosine, reflectance):
 
 class EdgeResponse:
     """What a point at x mm inside a lit half-plane returns, optics blurred by sigma mm included."""
-    STEP_MM = 0.02
-    REACH_MM = 50.0  # at 16 mm cheek red still lacks a percent, which a fit with B free sees
+    # (up to, in steps of) mm; at 16 mm cheek red still lacks a percent, which a fit with B free
+    # sees.
+    STEPS_MM = ((5.0, 0.02), (50.0, 0.1))
 
     def __init__(self, transform, blur_mm):
         self.full = transform(0)
-        count = int(self.REACH_MM / self.STEP_MM)
-        dk, terms = 0.04, []
+        dk, self.terms = 0.04, []
         k = dk / 2
         while True:
             value = transform(k) * math.exp(-0.5 * (k * blur_mm)**2)
             if value < 1e-8 or k > 60:
                 break
-            terms.append((k, value / k))
+            self.terms.append((k, value / k))
             k += dk
-        self.table = []
-        for i in range(count + 2):
-            x = i * self.STEP_MM
-            # sin by rotation: one pair of products a term
-            s, c = math.sin(dk / 2 * x), math.cos(dk / 2 * x)
-            ds, dc = math.sin(dk * x), math.cos(dk * x)
-            total = 0.0
-            for _, weight in terms:
-                total += weight * s
-                s, c = s * dc + c * ds, c * dc - s * ds
-            self.table.append(total * dk / math.pi)
+        self.dk = dk
+        self.tables = [[self.integral(i * step) for i in range(round(end / step) + 2)]
+                       for end, step in self.STEPS_MM]
 
-    def at(self, x_mm):
-        position = abs(x_mm) / self.STEP_MM
-        i = int(position)
-        if i >= len(self.table) - 1:
-            half = self.full / 2
-        else:
-            half = self.table[i] + (position - i) * (self.table[i + 1] - self.table[i])
-        return self.full / 2 + (half if x_mm >= 0 else -half)
+        # Beyond this all is lit, or all dark, to 1e-7.
+        end, step = self.STEPS_MM[-1]
+        far = [i for i, half in enumerate(self.tables[-1]) if abs(half - self.full / 2) > 1e-7]
+        self.reach_mm = min(((far[-1] if far else 0) + 1) * step, end)
+
+    def integral(self, x):
+        # sin by rotation: one pair of products a term
+        s, c = math.sin(self.dk / 2 * x), math.cos(self.dk / 2 * x)
+        ds, dc = math.sin(self.dk * x), math.cos(self.dk * x)
+        total = 0.0
+        for _, weight in self.terms:
+            total += weight * s
+            s, c = s * dc + c * ds, c * dc - s * ds
+        return total * self.dk / math.pi
+
+    def edges(self, u, pitch_mm, size):
+        """(first, [response to light from the left edge of pixel first + j on])."""
+        reach = self.reach_mm / pitch_mm
+        first = max(math.ceil(u - reach), 0)
+        found, middle = [], self.full / 2
+        (near, near_step), (_, far_step) = self.STEPS_MM
+        near_table, far_table = self.tables
+        for j in range(first, min(math.floor(u + reach), size) + 1):
+            x = (u - j + 0.5) * pitch_mm
+            distance = abs(x)
+            if distance < near:
+                place, table = distance / near_step, near_table
+            else:
+                place, table = distance / far_step, far_table
+            i = min(int(place), len(table) - 2)
+            half = table[i] + (place - i) * (table[i + 1] - table[i])
+            found.append(middle + half if x >= 0 else middle - half)
+        return first, found
+
+
+@functools.lru_cache(maxsize=None)
+def dipole_response(medium, blur_mm):
+    return EdgeResponse(dipole(medium), blur_mm)
+
+
+@functools.lru_cache(maxsize=None)
+def monte_carlo_response(path, name, blur_mm):
+    return EdgeResponse(MonteCarlo(path, name), blur_mm)
 
 
 def lit(pattern, i):
@@ -125,32 +156,24 @@ def lit(pattern, i):
     return bool(bit) != bool(pattern["inverted"])
 
 
-def edges_of(pattern, size):
-    """[(position, sign)]: where the pattern turns on (+1) or off (-1); pixel edges lie at halves."""
-    edges, before = [], False
-    for i in range(size + 1):
-        now = i < size and lit(pattern, i)
-        if now != before:
-            edges.append((i - 0.5, 1 if now else -1))
-        before = now
-    return edges
-
-
 class Illumination:
     """One pattern's reflectance factor at a projector coordinate."""
 
     def __init__(self, pattern, size):
         self.pattern = pattern
+        self.axis = 1 if pattern.get("axis") == "row" else 0
         kind = pattern["kind"]
         self.is_binary = kind in ("stripes", "gray_code")
         if self.is_binary:
-            self.edges = edges_of(pattern, size)
-            self.places = [place for place, _ in self.edges]
+            # Pixels that it turns on or off at.
+            states = [False] + [lit(pattern, i) for i in range(size)] + [False]
+            self.on = [i for i in range(size + 1) if states[i + 1] and not states[i]]
+            self.off = [i for i in range(size + 1) if states[i] and not states[i + 1]]
             self.duty = (pattern["width_px"] / pattern["period_px"] if kind == "stripes" else 0.5)
         else:
             self.duty = {"fringe": 0.5, "white": 1.0, "black": 0.0, "image": 0.3}[kind]
 
-    def at(self, u, pitch_mm, response, transform, blur_mm, indirect):
+    def at(self, u, pitch_mm, edges, response, transform, blur_mm, indirect):
         kind = self.pattern["kind"]
         if kind == "fringe":
             k = 2 * math.pi / (self.pattern["period_px"] * pitch_mm)
@@ -161,12 +184,12 @@ class Illumination:
             value = self.duty * response.full
         else:
             # Edges far to one side have done all they can: only their count matters.
-            reach = response.REACH_MM / pitch_mm
-            first = bisect.bisect_left(self.places, u - reach)
-            last = bisect.bisect_right(self.places, u + reach)
-            value = response.full if first % 2 else 0.0
-            for edge, sign in self.edges[first:last]:
-                value += sign * response.at((u - edge) * pitch_mm)
+            first, values = edges
+            end = first + len(values)
+            on, off = bisect.bisect_left(self.on, first), bisect.bisect_left(self.off, first)
+            value = response.full * (on - off)
+            value += sum(values[i - first] for i in self.on[on:bisect.bisect_left(self.on, end)])
+            value -= sum(values[i - first] for i in self.off[off:bisect.bisect_left(self.off, end)])
         return value + self.duty * indirect
 
 
@@ -479,12 +502,14 @@ def make(folder, **given):
     rig = Rig(o)
     media = o["media"][:bands]
     transforms = [dipole(m) for m in media]
+    blur_mm = o["blur_px"] * o["pitch_mm"]
     if o["monte_carlo"]:  # (the table's path, a medium's name a band)
         path, names = o["monte_carlo"]
         transforms = [MonteCarlo(path, name) for name in names[:bands]]
         media = [transform.medium for transform in transforms]
-    blur_mm = o["blur_px"] * o["pitch_mm"]
-    responses = [EdgeResponse(transform, blur_mm) for transform in transforms]
+        responses = [monte_carlo_response(path, name, blur_mm) for name in names[:bands]]
+    else:
+        responses = [dipole_response(medium, blur_mm) for medium in media]
     gain = o["full_well_e"] / largest
     shortest = min(o["exposures_us"])
     white = o["white_dn_frac"] * (saturation - black) / shortest
@@ -531,13 +556,15 @@ def make(folder, **given):
                 full = signal[band] * factor if hit is not None else 0
                 if hit is not None and o["monte_carlo"]:
                     full *= exit_radiance(to_camera, responses[band].full)
+                if hit is not None:
+                    place, sides = (u, v), (pw, ph)
+                    edges = [responses[band].edges(place[a], pitch[a], sides[a]) for a in (0, 1)]
                 for p, light in enumerate(lights):
                     rate = o["ambient_frac"] * signal[band]
                     if hit is not None:
-                        is_row = light.pattern.get("axis") == "row"
-                        lit_part = light.at(v if is_row else u, pitch[1 if is_row else 0],
-                                            responses[band], transforms[band], blur_mm,
-                                            o["indirect"])
+                        a = light.axis
+                        lit_part = light.at(place[a], pitch[a], edges[a], responses[band],
+                                            transforms[band], blur_mm, o["indirect"])
                         base = o["projector_black_frac"] * (responses[band].full + o["indirect"])
                         rate += full * (lit_part + base)
                     if o["flat_field"]:
