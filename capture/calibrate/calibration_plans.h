@@ -7,7 +7,7 @@
 namespace capture {
 
 // A board's pose: white, black, and the paper's patterns without its sweep (Gray code with its
-// inverse and fine stripes of both axes), at the rig's exposures.
+// inverse and fine stripes of both axes, these at twice as many shifts), at the rig's exposures.
 Plan board_plan(const rig::RigFile& rig_file);
 
 // A target for light and optics: the paper's patterns, white and black. The sweep in its order: a

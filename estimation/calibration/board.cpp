@@ -22,6 +22,9 @@ constexpr double kWhiteQuantile = 0.995;
 // Half of the rough refinement's window, as a share of the distance to the nearest corner; px.
 constexpr double kWindowFrac = 0.3;
 constexpr int kLeastWindowPx = 2, kLargestWindowPx = 15;
+// Of a corner that stays where the rough refinement put it, and what the model of two edges errs by
+// without any noise (0.0003 px usually, 0.008 where perfectly sharp edges lie along the pixels).
+constexpr double kRoughSdPx = 0.1, kModelSdPx = 0.002;
 // The board's axes at a corner are those of the corners so near.
 constexpr double kAxesReachSquares = 2.5;
 // A ChArUco board's markers begin an eighth of a square from its edges, and their blur before that.
@@ -152,21 +155,26 @@ std::optional<Mat2> local_axes(const Found& found, std::size_t of, double square
 }
 
 // Corners that the model does not fit stay where they are.
-std::vector<Vec2> refine(ImageView<const float> grey, const Board& board, const Found& found) {
+std::vector<DetectedCorner> refine(ImageView<const float> grey, const Board& board,
+                                   const Found& found) {
   const bool has_markers = board.kind == BoardKind::kCharuco;
-  std::vector<Vec2> refined;
+  std::vector<DetectedCorner> refined;
   for (std::size_t i = 0; i < found.px.size(); ++i) {
-    const Vec2 px(cv::Point2d(found.px[i]));
-    std::optional<Vec2> fitted;
+    DetectedCorner corner{found.board_mm[i], Vec2(cv::Point2d(found.px[i])), kRoughSdPx};
+    std::optional<FittedCorner> fitted;
     if (const auto axes = local_axes(found, i, board.square_mm)) {
-      CornerStart start{px, *axes};
+      CornerStart start{corner.frame_px, *axes};
       const double edge_px = std::sqrt(std::abs(cv::determinant(*axes)));
       if (has_markers)
         start.strip_frac = std::max((1 - kCharucoMarkerFrac) / 2 - kMarkerBlurPx / edge_px,
                                     kLeastStripPx / edge_px);
       fitted = fit_corner(grey, start);
     }
-    refined.push_back(fitted.value_or(px));
+    if (fitted) {
+      corner.frame_px = fitted->px;
+      corner.sd_px = std::hypot(fitted->sd_px, kModelSdPx);
+    }
+    refined.push_back(corner);
   }
   return refined;
 }
@@ -187,11 +195,7 @@ Result<std::vector<DetectedCorner>> detect(ImageView<const float> grey, const Bo
                   " are seen; expected 6 or more of OpenCV's DICT_5X5_250, sharp and evenly lit");
   for (cv::Point2f& px : found.px) px = search.to_full(px);
   if (is_checkerboard) refine_roughly(picture, found.px);
-  const std::vector<Vec2> refined = refine(grey, board, found);
-  std::vector<DetectedCorner> corners;
-  for (std::size_t i = 0; i < found.px.size(); ++i)
-    corners.push_back({found.board_mm[i], refined[i]});
-  return corners;
+  return refine(grey, board, found);
 }
 
 std::optional<int> whole(std::string_view text) {

@@ -31,8 +31,9 @@ Result<Board> parse_board(std::string_view kind, std::string_view counts, double
 std::string to_string(const Board& board);  // "checkerboard of 11 x 15 squares of 18 mm"
 
 struct DetectedCorner {
-  Vec2 board_mm;  // from the first inner corner
-  Vec2 frame_px;  // (col, row) in the frame
+  Vec2 board_mm;       // from the first inner corner
+  Vec2 frame_px;       // (col, row) in the frame
+  double sd_px = 0.1;  // of each coordinate
 };
 
 // The 2 x 2 sites of a Bayer picture of something grey, brought to one level: full resolution

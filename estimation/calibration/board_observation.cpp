@@ -5,6 +5,7 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 #include <optional>
+#include <set>
 
 namespace estimation {
 namespace {
@@ -16,15 +17,15 @@ constexpr double kWindowFrac = 0.9;
 constexpr float kEdgeFrac = 0.2F;
 constexpr int kEdgeRadiusPx = 2;
 constexpr int kLeastPixels = 40;
-constexpr int kCoefficients = 6;  // 1, x, y, x^2, x y, y^2
+constexpr int kQuadric = 6;      // 1, x, y, x^2, x y, y^2
+constexpr int kRippleTerms = 2;  // of a ripple's period and of half of it
+constexpr int kCoefficients = kQuadric + kRippleTerms;
 constexpr int kRounds = 6;
 constexpr double kTukeySd = 4.7;
 // No pixel's phase is better than this: aliasing and the projector's own raster.
 constexpr double kLeastSdPx = 0.01;
 
 using Coefficients = cv::Matx<double, kCoefficients, 1>;
-
-Coefficients terms(double x, double y) { return {1, x, y, x * x, x * y, y * y}; }
 
 struct Sample {
   double x = 0, y = 0;  // from the corner, in half windows
@@ -34,23 +35,53 @@ struct Sample {
 struct LocalSurface {
   Coefficients coefficients;
   double sd_px = 0;  // of the value at the corner
+
+  double smooth_px(double x, double y) const {
+    const Coefficients& c = coefficients;
+    return c(0) + c(1) * x + c(2) * y + c(3) * x * x + c(4) * x * y + c(5) * y * y;
+  }
 };
 
-// A quadric through samples of one axis, by least squares with Tukey's weights.
-std::optional<LocalSurface> fit_quadric(const std::vector<Sample>& samples) {
+// At a place that the projector lights at about `lit_px`.
+Coefficients terms(const Sample& s, double lit_px, const PhaseRipple& ripple) {
+  Coefficients t{1, s.x, s.y, s.x * s.x, s.x * s.y, s.y * s.y, 0, 0};
+  for (int i = 0; i < kRippleTerms && ripple.period_px > 0; ++i)
+    t(kQuadric + i) = std::sin(2 * CV_PI * (i + 1) * (lit_px - ripple.zero_px) / ripple.period_px);
+  return t;
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// A quadric and the phase's ripple through samples of one axis, by least squares with Tukey's
+// weights. The ripple's place in its period is that of the quadric of the round before.
+std::optional<LocalSurface> fit_quadric(const std::vector<Sample>& samples,
+                                        const PhaseRipple& ripple) {
   std::vector<double> weight(samples.size(), 1);
   LocalSurface surface;
+  double scale = 1;
   for (int round = 0; round < kRounds; ++round) {
+    const auto terms_of = [&](const Sample& s) {
+      return round == 0 ? terms(s, 0, {}) : terms(s, surface.smooth_px(s.x, s.y), ripple);
+    };
     using Normal = cv::Matx<double, kCoefficients, kCoefficients>;
     Normal normal = Normal::zeros();
     Coefficients right = Coefficients::zeros();
+    // What stripes without any blur would do is the least that is known of a ripple.
+    for (int i = 0; i < kRippleTerms; ++i)
+      normal(kQuadric + i, kQuadric + i) =
+          std::pow(scale / std::max(ripple.greatest_px, kLeastSdPx), 2);
     double weight_sum = 0;
+    std::vector<Coefficients> all_terms;
     for (std::size_t i = 0; i < samples.size(); ++i) {
       const Sample& s = samples[i];
       const double w = weight[i] / (s.sd_px * s.sd_px);
-      const Coefficients t = terms(s.x, s.y);
-      normal += w * (t * t.t());
-      right += (w * s.value_px) * t;
+      all_terms.push_back(terms_of(s));
+      normal += w * (all_terms.back() * all_terms.back().t());
+      right += (w * s.value_px) * all_terms.back();
       weight_sum += weight[i] > 0.1 ? 1 : 0;
     }
     if (weight_sum < kLeastPixels) return std::nullopt;
@@ -58,15 +89,11 @@ std::optional<LocalSurface> fit_quadric(const std::vector<Sample>& samples) {
     const Normal inverse = normal.inv(cv::DECOMP_CHOLESKY, &is_definite);
     if (!is_definite) return std::nullopt;
     surface.coefficients = inverse * right;
-    std::vector<double> size(samples.size());
-    for (std::size_t i = 0; i < samples.size(); ++i) {
-      const Sample& s = samples[i];
-      size[i] = std::abs(s.value_px - surface.coefficients.dot(terms(s.x, s.y))) / s.sd_px;
-    }
-    std::vector<double> sorted = size;
-    const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-    std::nth_element(sorted.begin(), middle, sorted.end());
-    const double scale = std::max(*middle / 0.6745, 1e-6);
+    std::vector<double> size;
+    for (std::size_t i = 0; i < samples.size(); ++i)
+      size.push_back(std::abs(samples[i].value_px - surface.coefficients.dot(all_terms[i])) /
+                     samples[i].sd_px);
+    scale = std::max(median(size) / 0.6745, 1e-6);
     for (std::size_t i = 0; i < samples.size(); ++i) {
       const double u = size[i] / (kTukeySd * scale);
       weight[i] = u < 1 ? (1 - u * u) * (1 - u * u) : 0;
@@ -134,10 +161,11 @@ Neighbourhood pixels_around(const Vec2& corner_px, double half_px,
   return around;
 }
 
-void light(const Neighbourhood& around, double half_px, BoardCorner& corner) {
+void light(const Neighbourhood& around, const PhaseRipples& ripples, double half_px,
+           BoardCorner& corner) {
   corner.has_projector = false;
-  const auto column = fit_quadric(around.column);
-  const auto row = fit_quadric(around.row);
+  const auto column = fit_quadric(around.column, ripples.column);
+  const auto row = fit_quadric(around.row, ripples.row);
   if (!column || !row) return;
   corner.has_projector = true;
   corner.projector_px = {column->coefficients(0), row->coefficients(0)};
@@ -153,6 +181,30 @@ void add(ImageView<const float> signal, float factor, Image<float>& sum) {
   for (int row = 0; row < signal.height_px; ++row)
     for (int col = 0; col < signal.width_px; ++col)
       sum.at(row, col) += factor * signal.at(row, col);
+}
+
+// Of the finest stripes along the axis: theirs decides the phase.
+PhaseRipple ripple_of(std::span<const PatternSignal> signals, Axis axis) {
+  std::optional<Stripes> finest;
+  for (const PatternSignal& signal : signals)
+    if (const auto* stripes = std::get_if<Stripes>(signal.kind); stripes && stripes->axis == axis)
+      if (!finest || stripes->period_px < finest->period_px) finest = *stripes;
+  if (!finest) return {};
+  std::set<int> shifts;
+  for (const PatternSignal& signal : signals) {
+    const auto* stripes = std::get_if<Stripes>(signal.kind);
+    if (!stripes || stripes->axis != axis || stripes->period_px != finest->period_px ||
+        stripes->width_px != finest->width_px)
+      continue;
+    shifts.insert((stripes->shift_px % finest->period_px + finest->period_px) % finest->period_px);
+  }
+  // Shifts that leave gaps ripple in other ways, which remain errors.
+  const int count = static_cast<int>(shifts.size()), step = finest->period_px / count;
+  bool is_even = count >= 3 && step * count == finest->period_px;
+  for (const int shift : shifts) is_even = is_even && (shift - *shifts.begin()) % step == 0;
+  if (!is_even) return {};
+  return {static_cast<double>(step), *shifts.begin() + (finest->width_px - 1) / 2.0,
+          finest->period_px / (2 * CV_PI * (count - 1))};
 }
 
 tl::unexpected<InputError> unusable(const std::string& name, const std::string& expectation) {
@@ -174,14 +226,16 @@ Result<BoardPose> observe(const std::string& name, std::span<const PatternSignal
     for (const std::string& note : correspondence.notes) expectation += "; " + note;
     return unusable(name, expectation);
   }
-  return BoardPose{name, light_corners(*corners, correspondence, grey.view(), camera)};
+  return BoardPose{
+      name, light_corners(*corners, correspondence, phase_ripples(signals), grey.view(), camera)};
 }
 
 }  // namespace
 
 std::vector<BoardCorner> light_corners(std::span<const DetectedCorner> corners,
                                        const Correspondence& correspondence,
-                                       ImageView<const float> grey, const CameraInfo& camera) {
+                                       const PhaseRipples& ripples, ImageView<const float> grey,
+                                       const CameraInfo& camera) {
   double largest_px = 1;
   std::vector<double> half_px;
   for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -194,11 +248,16 @@ std::vector<BoardCorner> light_corners(std::span<const DetectedCorner> corners,
     const Vec2& px = corners[i].frame_px;
     BoardCorner corner{.board_mm = corners[i].board_mm,
                        .camera_px = px + Vec2(camera.roi_x_px, camera.roi_y_px),
-                       .projector_px = {}};
-    light(pixels_around(px, half_px[i], correspondence, is_even), half_px[i], corner);
+                       .projector_px = {},
+                       .camera_sd_px = corners[i].sd_px};
+    light(pixels_around(px, half_px[i], correspondence, is_even), ripples, half_px[i], corner);
     lit.push_back(corner);
   }
   return lit;
+}
+
+PhaseRipples phase_ripples(std::span<const PatternSignal> signals) {
+  return {ripple_of(signals, Axis::kColumn), ripple_of(signals, Axis::kRow)};
 }
 
 Image<float> evenly_lit(std::span<const PatternSignal> signals) {

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <span>
 #include <vector>
 
 namespace estimation {
@@ -15,7 +16,11 @@ constexpr int kParameters = 9;
 using Parameters = cv::Matx<double, kParameters, 1>;
 using Normal = cv::Matx<double, kParameters, kParameters>;
 
-constexpr double kLeastBlurPx = 0.15, kGreatestBlurPx = 6, kStartBlurPx = 0.8;
+constexpr double kLeastBlurPx = 0.1, kGreatestBlurPx = 6, kStartBlurPx = 0.8;
+// Edges sharper than this are summed at more places of a pixel.
+constexpr double kSharpPx = 0.45;
+// Beyond so many blurs from a pixel, an edge does not change over it.
+constexpr double kReachBlurs = 5;
 constexpr double kFarthestPx = 1.5;  // from the start
 constexpr std::size_t kLeastPixels = 25;
 constexpr double kLeastContrast = 0.1;  // of white
@@ -133,15 +138,42 @@ struct System {
   double cost = 0;
 };
 
-// A pixel is a square: the mean over it, by Gauss and Legendre.
+// Places and weights of a mean over -1/2 .. 1/2, by Gauss and Legendre.
+struct Quadrature {
+  std::span<const double> places, weights;
+};
+
+constexpr std::array<double, 1> kMiddle{0}, kWhole{1};
+constexpr std::array<double, 3> kThreePlaces{-0.387298334620742, 0, 0.387298334620742};
+constexpr std::array<double, 3> kThreeWeights{5.0 / 18, 8.0 / 18, 5.0 / 18};
+constexpr std::array<double, 8> kEightPlaces{
+    -0.480144928248768, -0.398333238706813, -0.262766204958165, -0.091717321247825,
+    0.091717321247825,  0.262766204958165,  0.398333238706813,  0.480144928248768};
+constexpr std::array<double, 8> kEightWeights{
+    0.050614268145188, 0.111190517226687, 0.156853322938944, 0.181341891689181,
+    0.181341891689181, 0.156853322938944, 0.111190517226687, 0.050614268145188};
+
+// As many places as the edges near the pixel ask for.
+Quadrature quadrature_for(const Parameters& p, const Pixel& pixel) {
+  const double x = pixel.col - p(kCol), y = pixel.row - p(kRow);
+  const double reach = kReachBlurs * p(kBlur) + std::numbers::sqrt2 / 2;
+  const auto is_far = [&](double angle) {
+    return std::abs(std::cos(angle) * x + std::sin(angle) * y) > reach;
+  };
+  if (is_far(p(kFirst)) && is_far(p(kSecond))) return {kMiddle, kWhole};
+  if (p(kBlur) < kSharpPx) return {kEightPlaces, kEightWeights};
+  return {kThreePlaces, kThreeWeights};
+}
+
+// A pixel is a square: the mean over it.
 Prediction predict_pixel(const Parameters& p, const Pixel& pixel) {
-  constexpr std::array<double, 3> kPlaces{-0.387298334620742, 0, 0.387298334620742};
-  constexpr std::array<double, 3> kWeights{5.0 / 18, 8.0 / 18, 5.0 / 18};
+  const Quadrature quadrature = quadrature_for(p, pixel);
   Prediction mean;
-  for (std::size_t i = 0; i < kPlaces.size(); ++i)
-    for (std::size_t j = 0; j < kPlaces.size(); ++j) {
-      const Prediction at = predict(p, pixel.col + kPlaces[i], pixel.row + kPlaces[j]);
-      const double weight = kWeights[i] * kWeights[j];
+  for (std::size_t i = 0; i < quadrature.places.size(); ++i)
+    for (std::size_t j = 0; j < quadrature.places.size(); ++j) {
+      const Prediction at =
+          predict(p, pixel.col + quadrature.places[i], pixel.row + quadrature.places[j]);
+      const double weight = quadrature.weights[i] * quadrature.weights[j];
       mean.value += weight * at.value;
       mean.derivative += weight * at.derivative;
     }
@@ -167,9 +199,18 @@ bool is_sane(const Parameters& p, const CornerStart& start) {
          p(kContrast) > 0;
 }
 
+// From the residuals' variance and the normal equations.
+std::optional<double> place_sd_px(const System& system, std::size_t pixel_count) {
+  bool is_definite = false;
+  const Normal inverse = system.normal.inv(cv::DECOMP_CHOLESKY, &is_definite);
+  if (!is_definite) return std::nullopt;
+  const double variance = system.cost / static_cast<double>(pixel_count - kParameters);
+  return std::sqrt(variance * (inverse(kCol, kCol) + inverse(kRow, kRow)) / 2);
+}
+
 }  // namespace
 
-std::optional<Vec2> fit_corner(ImageView<const float> grey, const CornerStart& start) {
+std::optional<FittedCorner> fit_corner(ImageView<const float> grey, const CornerStart& start) {
   const std::vector<Pixel> pixels = pixels_around(grey, start);
   if (pixels.size() < kLeastPixels) return std::nullopt;
   const auto guess = first_guess(pixels, start);
@@ -199,7 +240,9 @@ std::optional<Vec2> fit_corner(ImageView<const float> grey, const CornerStart& s
     if (std::hypot(step(kCol), step(kRow)) < kStillPx) break;
   }
   if (!is_sane(p, start)) return std::nullopt;
-  return Vec2(p(kCol), p(kRow));
+  const auto sd_px = place_sd_px(system, pixels.size());
+  if (!sd_px) return std::nullopt;
+  return FittedCorner{{p(kCol), p(kRow)}, *sd_px};
 }
 
 }  // namespace estimation

@@ -18,11 +18,16 @@ struct CornerStart {
   double strip_frac = 0.5;  // ... and so near to either edge
 };
 
+struct FittedCorner {
+  Vec2 px;
+  double sd_px = 0;  // of each coordinate (rms of both), from what the fit leaves of the pixels
+};
+
 // Least squares over place, directions of both edges, their common blur, white, black and the
 // light's slope. Pixels that are NaN are left out. Nullopt where the pixels do not show such a
 // corner: too few, no contrast, or no solution near the start.
 //   Why not cv::cornerSubPix: it takes gradients for edges, whose sampling and noise leave 0.03 to
 //   0.07 px on the same pictures.
-std::optional<Vec2> fit_corner(ImageView<const float> grey, const CornerStart& start);
+std::optional<FittedCorner> fit_corner(ImageView<const float> grey, const CornerStart& start);
 
 }  // namespace estimation

@@ -25,6 +25,9 @@ constexpr int kLeastPoses = 3;
 constexpr double kK3Gain = 11;
 // The median of a squared residual's two coordinates is 2 ln 2 times the variance of one.
 const double kMedianOfSquares = 2 * std::log(2.0);
+constexpr int kScaleRounds = 8;
+// A pose's own noise is weighed against that of all poses as so many corners.
+constexpr double kPriorCorners = 20;
 
 tl::unexpected<InputError> insufficient(const std::string& expectation) {
   return tl::unexpected(InputError{InputFault::kInsufficient, "", "", expectation});
@@ -129,39 +132,58 @@ Result<BundleState> start_state(std::span<const BoardPose> poses, ImageSize came
   return state;
 }
 
-// Variance of one coordinate over what the corners claim, robustly.
-struct NoiseScale {
-  double camera = 1, projector = 1;
-};
+// How many times their own claim one coordinate of these corners is off, robustly: squares beyond
+// the bundle's bound count as that bound. `squares`: of both coordinates of a corner together, in
+// claimed variances.
+double noise_over_claim(const std::vector<double>& squares, double freedom_frac, double prior,
+                        double prior_weight) {
+  const double bound = BundleOptions{}.robust_sd * BundleOptions{}.robust_sd;
+  const double usual =
+      2 * (1 - std::exp(-bound / 2));  // mean of the clipped square without outliers
+  double variance = prior > 0 ? prior * prior : std::max(median(squares), 1e-12) / kMedianOfSquares;
+  for (int round = 0; round < kScaleRounds; ++round) {
+    double sum = prior_weight * prior * prior;
+    for (const double square : squares)
+      sum += std::min(square / variance, bound) * variance / usual / freedom_frac;
+    variance = std::max(sum / (prior_weight + static_cast<double>(squares.size())), 1e-12);
+  }
+  return std::sqrt(variance);
+}
 
-NoiseScale noise_scale(std::span<const BoardPose> poses, const BundleResult& result,
-                       int parameter_count) {
-  std::vector<double> camera, projector;
+// Each pose's corners with the noise that the residuals show. Poses differ: in sharpness, in how
+// the board's edges lie to the pixels, in whether the board was still.
+std::vector<BoardPose> rescaled(std::span<const BoardPose> poses, const BundleResult& result,
+                                int parameter_count) {
+  std::vector<std::vector<double>> camera(poses.size()), projector(poses.size());
+  std::vector<double> all_camera, all_projector;
   for (std::size_t i = 0; i < poses.size(); ++i)
     for (std::size_t k = 0; k < poses[i].corners.size(); ++k) {
       const BoardCorner& corner = poses[i].corners[k];
       const CornerResidual& r = result.residuals[i][k];
-      camera.push_back(r.camera_px.dot(r.camera_px) / (corner.camera_sd_px * corner.camera_sd_px));
-      if (corner.has_projector)
-        projector.push_back(r.projector_alone_px.dot(r.projector_alone_px) /
-                            (corner.projector_sd_px * corner.projector_sd_px));
+      camera[i].push_back(r.camera_px.dot(r.camera_px) /
+                          (corner.camera_sd_px * corner.camera_sd_px));
+      all_camera.push_back(camera[i].back());
+      if (!corner.has_projector) continue;
+      projector[i].push_back(r.projector_alone_px.dot(r.projector_alone_px) /
+                             (corner.projector_sd_px * corner.projector_sd_px));
+      all_projector.push_back(projector[i].back());
     }
-  const double count = 2 * static_cast<double>(camera.size() + projector.size());
-  const double freedom = std::max(1.0, count - parameter_count) / count;
-  const auto scale = [&](const std::vector<double>& squares) {
-    return std::sqrt(std::max(median(squares), 1e-12) / kMedianOfSquares / freedom);
-  };
-  return {scale(camera), scale(projector)};
-}
-
-std::vector<BoardPose> rescaled(std::span<const BoardPose> poses, const NoiseScale& scale) {
-  std::vector<BoardPose> result(poses.begin(), poses.end());
-  for (BoardPose& pose : result)
-    for (BoardCorner& corner : pose.corners) {
-      corner.camera_sd_px *= scale.camera;
-      corner.projector_sd_px *= scale.projector;
+  const double count = 2 * static_cast<double>(all_camera.size() + all_projector.size());
+  const double freedom_frac = std::max(1.0, count - parameter_count) / count;
+  const double camera_scale = noise_over_claim(all_camera, freedom_frac, 0, 0);
+  const double projector_scale = noise_over_claim(all_projector, freedom_frac, 0, 0);
+  std::vector<BoardPose> result_poses(poses.begin(), poses.end());
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const double own_camera =
+        noise_over_claim(camera[i], freedom_frac, camera_scale, kPriorCorners);
+    const double own_projector =
+        noise_over_claim(projector[i], freedom_frac, projector_scale, kPriorCorners);
+    for (BoardCorner& corner : result_poses[i].corners) {
+      corner.camera_sd_px *= own_camera;
+      corner.projector_sd_px *= own_projector;
     }
-  return result;
+  }
+  return result_poses;
 }
 
 BundleOptions without_k3() {
@@ -250,8 +272,8 @@ Result<GeometryFit> fit(std::span<const BoardPose> given, ImageSize camera, Imag
   BundleResult result = refine_bundle(given, *start, options);
   // The corners' own standard deviations are a guess: what the residuals say replaces their scale.
   std::vector<BoardPose> poses(given.begin(), given.end());
-  for (int round = 0; round < 2; ++round) {
-    poses = rescaled(poses, noise_scale(poses, result, parameter_count));
+  for (int round = 0; round < 3; ++round) {
+    poses = rescaled(poses, result, parameter_count);
     result = refine_bundle(poses, result.state, options);
   }
   GeometryFit fit;

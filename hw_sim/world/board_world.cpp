@@ -3,6 +3,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <limits>
@@ -26,8 +27,9 @@ using estimation::Vec3;
 namespace {
 
 constexpr std::size_t kPreparedLimit = 4;
-// A pixel's reflectance is the mean over so many places of it, squared.
-constexpr int kParts = 4;
+// A pixel's reflectance is the mean over so many places of it, squared; an edge that runs along the
+// pixels is placed to a 256th of one where it crosses them.
+constexpr int kParts = 4, kEdgeParts = 16;
 
 // A capture's target as each camera sample has it, all [height_px * width_px].
 struct Sight {
@@ -44,6 +46,37 @@ double passes(double lost_frac, double col_px, double row_px, int width_px, int 
   const double width2 = std::pow(width_px - 1, 2), height2 = std::pow(height_px - 1, 2);
   const double radius2 = (width2 * col * col + height2 * row * row) / (width2 + height2);
   return std::max(0.0, 1 - lost_frac * radius2);
+}
+
+struct Patch {
+  double mean = 0;
+  bool is_even = true;
+};
+
+// Of a pixel whose corners are these places of the target: [row][col].
+Patch sampled_reflectance(const Target& target, const std::array<cv::Vec2d, 4>& corners,
+                          int parts) {
+  Patch patch;
+  double first = 0;
+  for (int i = 0; i < parts * parts; ++i) {
+    // In rows and columns of their own: an edge along a row crosses all of them, not a whole row of
+    // them at once.
+    const int down = i / parts, across = i % parts;
+    const double x = (across + (down + 0.5) / parts) / parts;
+    const double y = (down + (across + 0.5) / parts) / parts;
+    const cv::Vec2d at = (1 - y) * ((1 - x) * corners[0] + x * corners[1]) +
+                         y * ((1 - x) * corners[2] + x * corners[3]);
+    const double reflectance = target.reflectance_at(at[0], at[1]);
+    if (i == 0) first = reflectance;
+    patch.is_even = patch.is_even && reflectance == first;
+    patch.mean += reflectance / (parts * parts);
+  }
+  return patch;
+}
+
+double mean_reflectance(const Target& target, const std::array<cv::Vec2d, 4>& corners) {
+  const Patch patch = sampled_reflectance(target, corners, kParts);
+  return patch.is_even ? patch.mean : sampled_reflectance(target, corners, kEdgeParts).mean;
 }
 
 rig::Result<void> check_inputs(const CameraInfo& camera, const Calibration& calibration,
@@ -130,17 +163,9 @@ Sight TargetWorld::Parts::look_at(const Target& target) const {
     values->assign(count, 0.0F);
   tbb::parallel_for(0, height, [&](int row) {
     for (int col = 0; col < width; ++col) {
-      double reflectance = 0;
-      for (int i = 0; i < kParts * kParts; ++i) {
-        // In rows and columns of their own: an edge along a row crosses 16 of them, not four at
-        // once.
-        const int down = i / kParts, across = i % kParts;
-        const double x = (across + (down + 0.5) / kParts) / kParts;
-        const double y = (down + (across + 0.5) / kParts) / kParts;
-        const cv::Vec2d at = (1 - y) * ((1 - x) * corner(row, col) + x * corner(row, col + 1)) +
-                             y * ((1 - x) * corner(row + 1, col) + x * corner(row + 1, col + 1));
-        reflectance += target.reflectance_at(at[0], at[1]) / (kParts * kParts);
-      }
+      const double reflectance = mean_reflectance(
+          target,
+          {corner(row, col), corner(row, col + 1), corner(row + 1, col), corner(row + 1, col + 1)});
       const Vec3 point = meet(col, row), towards = lamp.center_mm() - point;
       const double distance_mm = cv::norm(towards);
       const ProjectedPoint lit = lamp.project(point);
