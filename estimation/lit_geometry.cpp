@@ -48,12 +48,49 @@ LitGeometry::LitGeometry(const MaterialInput& input, const Surface& surface, Axi
                .gain = gain_.view(),
                .projector_distance_mm = surface.projector_distance_mm.view(),
                .validity = validity_.view()};
-  if (input.options.method == "lut" || !directionality_of(input.model).has_factors) return;
+  if (input.options.method == "lut") return;
+  fill_tilt(input, surface);
+  if (!directionality_of(input.model).has_factors) return;
   azimuths_ = light_azimuths(input.manifest.calibration, input.manifest.camera, surface, axis);
   geometry_.directions = {.cos_incidence = surface.cos_projector.view(),
                           .cos_exit = surface.cos_camera.view(),
                           .incidence_azimuth_rad = azimuths_.incidence_rad.view(),
                           .exit_azimuth_rad = azimuths_.exit_rad.view()};
+}
+
+// With g the gradient of the projector's coordinate and l the direction to the projector, g . l =
+// 0; so of the tangent of incidence the part along the stripes' axis is g's part along the normal
+// over its tangential part, whose inverse is the pitch.
+void LitGeometry::fill_tilt(const MaterialInput& input, const Surface& surface) {
+  const cv::Matx33d& K = input.manifest.calibration.projector.K;
+  const Image<float>& column_px = input.correspondence.column_px;
+  const Image<float>& row_px = input.correspondence.row_px;
+  tilt_along_ = Image<float>(gain_.height_px(), gain_.width_px(), 1, kNan);
+  tilt_across_ = tilt_along_;
+  tbb::parallel_for(0, gain_.height_px(), [&](int row) {
+    for (int col = 0; col < gain_.width_px(); ++col) {
+      if ((validity_.at(row, col) & kValidityErrors) != 0) continue;
+      const auto slope = [&](const Image<float>& px, double focal_px, double centre_px) {
+        return px.empty() ? 0 : (sample(px, row, col) - centre_px) / focal_px;
+      };
+      const double x = slope(column_px, K(0, 0), K(0, 2)), y = slope(row_px, K(1, 1), K(1, 2));
+      const bool is_column = axis_ == Axis::kColumn;
+      const double focal_px = is_column ? K(0, 0) : K(1, 1), on_axis = is_column ? x : y;
+      const double gradient_px_per_mm = focal_px *
+                                        std::sqrt((1 + x * x + y * y) * (1 + on_axis * on_axis)) /
+                                        sample(surface.projector_distance_mm, row, col);
+      const double pitch_mm = sample(pitch_mm_, row, col);
+      const double cosine = sample(surface.cos_projector, row, col);
+      const double tangent2 = 1 / (cosine * cosine) - 1;
+      const double along2 =
+          std::clamp(std::pow(gradient_px_per_mm * pitch_mm, 2) - 1, 0.0, std::max(tangent2, 0.0));
+      const double tilt_sd_rad = sample(surface.tilt_sd_rad, row, col);
+      tilt_along_.at(row, col) = static_cast<float>(tilt_sd_rad * std::sqrt(along2));
+      tilt_across_.at(row, col) =
+          static_cast<float>(tilt_sd_rad * std::sqrt(std::max(tangent2 - along2, 0.0)));
+    }
+  });
+  geometry_.tilt = {.along = tilt_along_.view(), .across = tilt_across_.view()};
 }
 
 BandRadiometry radiometry_of(const MaterialInput& input, int band) {

@@ -14,7 +14,8 @@ namespace estimation {
 // Lit along one axis of the projector. Borrows the input's correspondence and the surface.
 class LitGeometry {
  public:
-  // Directions are filled for models that depend on them (`method` likelihood only). Pixels that
+  // Directions are filled for models that depend on them, what tilts do to the light for all
+  // (`method` likelihood only). Pixels that
   // have no place on the axis or no light get kNoCorrespondence, where they had no error yet.
   LitGeometry(const MaterialInput& input, const Surface& surface, Axis axis);
   LitGeometry(const LitGeometry&) = delete;
@@ -26,12 +27,15 @@ class LitGeometry {
   const Image<float>& pitch_mm() const { return pitch_mm_; }        // of a projector pixel
 
  private:
+  void fill_tilt(const MaterialInput& input, const Surface& surface);
+
   Axis axis_;
   const Image<float>& position_px_;
   const Image<float>& pitch_mm_;
   Image<float> gain_;
   Image<std::uint32_t> validity_;
   LightAzimuths azimuths_;  // empty for models without directions
+  Image<float> tilt_along_, tilt_across_;
   SceneGeometry geometry_;
 };
 

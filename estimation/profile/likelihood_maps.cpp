@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "estimation/profile/coefficient_curve.h"
+#include "estimation/profile/tilt_noise.h"
 #include "estimation/session/maps.h"
 
 namespace estimation {
@@ -40,15 +41,37 @@ double variance_along(const BatchFit& fit, std::size_t i, double slope) {
          variance_of(fit, i, 1, 1);
 }
 
-std::optional<CoefficientCurve> curve_over(const ScatteringModel& model, const SiteFits& fits) {
+// What carries the valid fits' covariance over to the coefficients.
+struct Curves {
+  CoefficientCurve coefficients;
+  std::optional<TiltEffect> tilt;  // where the surface is not known exactly
+};
+
+std::optional<Curves> curves_over(const StripeScene& scene, const BandRadiometry& radiometry,
+                                  const SiteFits& fits) {
   float least = std::numeric_limits<float>::infinity(), greatest = -least;
+  double log_sum = 0, indirect_sum = 0, gain_sum = 0, count = 0;
   for (std::size_t i = 0; i < fits.sites.size(); ++i) {
     if (!is_valid(fits.fit, i)) continue;
     least = std::min(least, fits.fit.logit_reflectance[i]);
     greatest = std::max(greatest, fits.fit.logit_reflectance[i]);
+    log_sum += static_cast<double>(fits.fit.log_translucency_px[i]);
+    indirect_sum += static_cast<double>(fits.fit.indirect[i]);
+    gain_sum += static_cast<double>(scene.geometry.gain.at(fits.sites[i].row, fits.sites[i].col));
+    count += 1;
   }
-  if (!(least <= greatest)) return std::nullopt;
-  return CoefficientCurve(model, static_cast<double>(least), static_cast<double>(greatest));
+  if (count == 0) return std::nullopt;
+  const double from = static_cast<double>(least), to = static_cast<double>(greatest);
+  Curves curves{.coefficients = CoefficientCurve(scene.model, from, to), .tilt = {}};
+  if (!scene.geometry.tilt.empty())
+    curves.tilt.emplace(scene.model,
+                        TypicalSite{.shape = scene.stripes.shape,
+                                    .full_per_us = radiometry.signal_per_us * gain_sum / count,
+                                    .translucency_px = std::exp(log_sum / count),
+                                    .indirect = indirect_sum / count,
+                                    .noise = radiometry.noise},
+                        from, to);
+  return curves;
 }
 
 class PoorFit {
@@ -94,7 +117,7 @@ BandFit maps_of(const StripeScene& scene, const BandRadiometry& radiometry, cons
                 const MapOptions& options) {
   BandFit maps = blank_maps(scene.geometry);
   const BatchFit& fit = fits.fit;
-  const std::optional<CoefficientCurve> curve = curve_over(scene.model, fits);
+  const std::optional<Curves> curves = curves_over(scene, radiometry, fits);
   const PoorFit is_poor(radiometry, scene.stripes.shape, scene.stripes.shifts_px.size(),
                         options.is_noise_measured);
   tbb::parallel_for(
@@ -106,20 +129,28 @@ BandFit maps_of(const StripeScene& scene, const BandRadiometry& radiometry, cons
           const double logit = static_cast<double>(fit.logit_reflectance[i]);
           const double reflectance = 1 / (1 + std::exp(-logit));
           const double indirect = static_cast<double>(fit.indirect[i]);
-          const CoefficientCurve::At coefficients = curve->at(logit);
+          const CoefficientCurve::At coefficients = curves->coefficients.at(logit);
+          TiltVariances tilt;
+          if (curves->tilt)
+            tilt = curves->tilt->at(
+                {.logit = logit, .is_indirect_free = variance_of(fit, i, 2, 2) > 0}, coefficients,
+                {.along = static_cast<double>(scene.geometry.tilt.along.at(row, col)),
+                 .across = static_cast<double>(scene.geometry.tilt.across.at(row, col))});
           maps.diffuse_reflectance.at(row, col) = static_cast<float>(reflectance);
           maps.translucency_px.at(row, col) =
               static_cast<float>(std::exp(static_cast<double>(fit.log_translucency_px[i])));
           maps.indirect.at(row, col) = fit.indirect[i];
           maps.phase_px.at(row, col) = fit.phase_px[i];
           maps.diffuse_reflectance_rel_sd.at(row, col) =
-              root((1 - reflectance) * (1 - reflectance) * variance_of(fit, i, 0, 0));
-          maps.translucency_rel_sd.at(row, col) = root(variance_of(fit, i, 1, 1));
-          maps.indirect_sd.at(row, col) = root(variance_of(fit, i, 2, 2));
+              root((1 - reflectance) * (1 - reflectance) * variance_of(fit, i, 0, 0) +
+                   tilt.diffuse_reflectance);
+          maps.translucency_rel_sd.at(row, col) =
+              root(variance_of(fit, i, 1, 1) + tilt.translucency);
+          maps.indirect_sd.at(row, col) = root(variance_of(fit, i, 2, 2) + tilt.indirect);
           maps.sigma_a_rel_sd.at(row, col) =
-              root(variance_along(fit, i, coefficients.sigma_a.slope));
+              root(variance_along(fit, i, coefficients.sigma_a.slope) + tilt.sigma_a);
           maps.sigma_s_prime_rel_sd.at(row, col) =
-              root(variance_along(fit, i, coefficients.sigma_s_prime.slope));
+              root(variance_along(fit, i, coefficients.sigma_s_prime.slope) + tilt.sigma_s_prime);
           const double full_per_us =
               radiometry.signal_per_us * static_cast<double>(scene.geometry.gain.at(row, col));
           if (is_poor(static_cast<double>(fit.reduced_chi_square[i]), reflectance + indirect,

@@ -18,9 +18,11 @@ struct MapOptions {
   bool is_noise_measured = true;
 };
 
-// The maps on the camera grid, completed between a mosaic's sites. A fit whose reduced chi-square
-// is above what noise explains (five standard deviations for its degrees of freedom) plus a misfit
-// of one percent of the pixel's mean (what a calibration leaves) gets the warning kPoorFit.
+// The maps on the camera grid, completed between a mosaic's sites. Standard deviations hold the
+// samples' noise and, where the scene knows it, that of the surface's normals. A fit whose reduced
+// chi-square is above what noise explains (five standard deviations for its degrees of freedom)
+// plus a misfit of one percent of the pixel's mean (what a calibration leaves) gets the warning
+// kPoorFit.
 BandFit maps_of(const StripeScene& scene, const BandRadiometry& radiometry, const SiteFits& fits,
                 const MapOptions& options);
 

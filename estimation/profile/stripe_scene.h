@@ -21,6 +21,13 @@ struct SceneDirections {
   bool empty() const { return cos_incidence.empty(); }
 };
 
+// What the normals' noise does to each pixel's light (TiltNoise); both [height][width], or both
+// empty: the surface is known exactly.
+struct SceneTilt {
+  ImageView<const float> along, across;
+  bool empty() const { return along.empty(); }
+};
+
 // What the fit needs to know of each camera pixel's place; all [height][width].
 struct SceneGeometry {
   ImageView<const float> position_px;  // projector coordinate along the stripes' axis
@@ -28,6 +35,7 @@ struct SceneGeometry {
   ImageView<const float> projector_distance_mm;
   ImageView<const std::uint32_t> validity;  // pixels with an error bit are passed over
   SceneDirections directions = {};
+  SceneTilt tilt = {};
 };
 
 struct BandRadiometry {

@@ -25,6 +25,8 @@ struct SweepOptions {
   double blur_px = 0;
   double drift_px = 0;  // over the sweep, in the order of the shifts
   bool is_background_half = false;
+  // Of each pixel's light as the fit is told it, along and across the stripes' axis (TiltNoise).
+  double tilt_along = 0, tilt_across = 0;
   std::uint64_t seed = 1;
 };
 
@@ -39,7 +41,8 @@ class NoisySweep {
     camera_.height_px = options.height_px;
     camera_.pixel_format = {options.filter, 16};
     const Image<float> blank(options.height_px, options.width_px);
-    true_u_px = position_px_ = gain_ = distance_mm_ = blank;
+    true_u_px = tilt_along = position_px_ = gain_ = distance_mm_ = blank;
+    tilt_along_sd_ = tilt_across_sd_ = blank;
     validity_ = Image<std::uint32_t>(options.height_px, options.width_px);
     images_.assign(stripes_.shifts_px.size(), blank);
     for (std::size_t i = 0; i < order.size(); ++i)
@@ -50,6 +53,8 @@ class NoisySweep {
                  .gain = gain_.view(),
                  .projector_distance_mm = distance_mm_.view(),
                  .validity = validity_.view()};
+    if (options.tilt_along > 0 || options.tilt_across > 0)
+      geometry_.tilt = {.along = tilt_along_sd_.view(), .across = tilt_across_sd_.view()};
   }
   NoisySweep(const NoisySweep&) = delete;
   NoisySweep& operator=(const NoisySweep&) = delete;
@@ -69,6 +74,7 @@ class NoisySweep {
   }
 
   Image<float> true_u_px;
+  Image<float> tilt_along;  // by how much the light is off because of it
   std::vector<double> order = std::vector<double>(40);  // [shift] as capture_order
 
  private:
@@ -102,6 +108,14 @@ class NoisySweep {
         images_[i].at(row, col) =
             static_cast<float>(signal + normal() * std::sqrt(variance_at(noise_, signal)));
       }
+      if (options.tilt_along > 0 || options.tilt_across > 0) {
+        tilt_along.at(row, col) = static_cast<float>(options.tilt_along * normal());
+        const double off =
+            static_cast<double>(tilt_along.at(row, col)) + options.tilt_across * normal();
+        gain_.at(row, col) = static_cast<float>(gain * (1 + off));
+        tilt_along_sd_.at(row, col) = static_cast<float>(options.tilt_along);
+        tilt_across_sd_.at(row, col) = static_cast<float>(options.tilt_across);
+      }
     }
   }
 
@@ -110,7 +124,7 @@ class NoisySweep {
   std::vector<MergedNoise> noise_;
   Dipole model_;
   HarmonicTransfer transfer_;
-  Image<float> position_px_, gain_, distance_mm_;
+  Image<float> position_px_, gain_, distance_mm_, tilt_along_sd_, tilt_across_sd_;
   Image<std::uint32_t> validity_;
   std::vector<Image<float>> images_;
   std::vector<ImageView<const float>> signals_;
