@@ -267,22 +267,38 @@ class Decoder {
   oneapi::tbb::enumerable_thread_specific<Workspace> workspaces_;
 };
 
+template <typename Body>
+void for_rows(int height_px, const Body& body) {
+  oneapi::tbb::parallel_for(oneapi::tbb::blocked_range<int>(0, height_px, 8),
+                            [&](const oneapi::tbb::blocked_range<int>& range) {
+                              for (int row = range.begin(); row < range.end(); ++row) body(row);
+                            });
+}
+
+void blank_invalid(Correspondence& out) {
+  for_rows(out.validity.height_px(), [&](int row) {
+    const std::span<const std::uint32_t> validity = std::as_const(out.validity).view().row(row);
+    for (Image<float>* image : {&out.column_px, &out.row_px, &out.column_sd_px, &out.row_sd_px}) {
+      if (image->empty()) continue;
+      const std::span<float> samples = image->view().row(row);
+      for (std::size_t col = 0; col < samples.size(); ++col)
+        samples[col] = validity[col] != 0 ? kNaN : samples[col];
+    }
+  });
+}
+
 void reject_unsupported(double min_support_frac, Correspondence& out) {
   for (const Image<float>* position : {&out.column_px, &out.row_px}) {
     if (position->empty()) continue;
     const Image<unsigned char> supported = find_supported(position->view(), min_support_frac);
-    for (std::size_t i = 0; i < supported.samples().size(); ++i) {
-      const bool is_lost = out.validity.samples()[i] == 0 && supported.samples()[i] == 0;
-      if (is_lost) out.validity.samples()[i] = kNoCorrespondence;
-    }
-  }
-}
-
-void blank_invalid(Correspondence& out) {
-  for (Image<float>* image : {&out.column_px, &out.row_px, &out.column_sd_px, &out.row_sd_px}) {
-    for (std::size_t i = 0; i < image->samples().size(); ++i) {
-      if (out.validity.samples()[i] != 0) image->samples()[i] = kNaN;
-    }
+    for_rows(out.validity.height_px(), [&](int row) {
+      const std::span<std::uint32_t> validity = out.validity.view().row(row);
+      const std::span<const unsigned char> is_supported = supported.view().row(row);
+      for (std::size_t col = 0; col < validity.size(); ++col) {
+        const bool is_lost = validity[col] == 0 && is_supported[col] == 0;
+        validity[col] = is_lost ? std::uint32_t{kNoCorrespondence} : validity[col];
+      }
+    });
   }
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <utility>
 
@@ -29,7 +30,7 @@ float nearest(float value) {
 
 double soft_gray_bit(int bit, double position_px) {
   // Lit from 2^bit to 3 * 2^bit - 1 in every 4 * 2^bit; pixel edges lie at halves.
-  const double run_px = std::ldexp(1.0, bit);
+  const auto run_px = static_cast<double>(std::int64_t{1} << bit);
   const double in_period = wrap(position_px + 0.5, 4 * run_px);
   const double past_centre = std::abs(in_period - 2 * run_px);  // the lit run's centre
   const double inside_px = run_px - past_centre;                // of the lit run; negative outside

@@ -1,7 +1,6 @@
 #include "estimation/geometry/phase.h"
 
 #include <cmath>
-#include <complex>
 #include <limits>
 #include <numbers>
 #include <opencv2/core.hpp>
@@ -55,32 +54,52 @@ std::vector<double> harmonic_amplitudes(const PhaseFamily& family, double blur_p
   return amplitudes;
 }
 
+// std::complex multiplies by a function that looks for infinities; a pixel that lost samples has
+// millions of these to do.
+struct Phasor {
+  double real = 0, imaginary = 0;
+
+  void add(const Phasor& more, double factor) {
+    real += factor * more.real;
+    imaginary += factor * more.imaginary;
+  }
+};
+
+Phasor operator*(const Phasor& a, const Phasor& b) {
+  return {a.real * b.real - a.imaginary * b.imaginary, a.real * b.imaginary + a.imaginary * b.real};
+}
+
+Phasor conjugate(const Phasor& a) { return {a.real, -a.imaginary}; }
+
+Phasor unit_phasor(double angle_rad) { return {std::cos(angle_rad), std::sin(angle_rad)}; }
+
 double aliasing_rms_px(const PhaseFamily& family, const std::vector<int>& indices,
                        const Demodulation& weights, double blur_px) {
-  using Complex = std::complex<double>;
   const std::vector<double> amplitudes = harmonic_amplitudes(family, blur_px);
   // What the weights make of exp(i n a) and exp(-i n a), a the coordinate's angle.
-  std::vector<Complex> forward(amplitudes.size()), backward(amplitudes.size());
+  std::vector<Phasor> forward(amplitudes.size()), backward(amplitudes.size());
   for (const int index : indices) {
     const auto k = static_cast<std::size_t>(index);
-    const Complex weight(double{weights.cosine[k]}, double{weights.sine[k]});
-    const Complex turn = std::polar(1.0, kTwoPi * family.shift_px[k] / family.period_px);
-    Complex power = turn;
-    for (std::size_t n = 0; n < amplitudes.size(); ++n, power *= turn) {
-      forward[n] += weight * std::conj(power) * (amplitudes[n] / 2);
-      backward[n] += weight * power * (amplitudes[n] / 2);
+    const Phasor weight{double{weights.cosine[k]}, double{weights.sine[k]}};
+    const Phasor turn = unit_phasor(kTwoPi * family.shift_px[k] / family.period_px);
+    Phasor power = turn;
+    for (std::size_t n = 0; n < amplitudes.size(); ++n, power = power * turn) {
+      forward[n].add(weight * conjugate(power), amplitudes[n] / 2);
+      backward[n].add(weight * power, amplitudes[n] / 2);
     }
   }
   // A prime number of coordinates over one period: in step with no set of shifts.
   constexpr int kCoordinateCount = 101;
   double sum = 0;
   for (int i = 0; i < kCoordinateCount; ++i) {
-    const Complex turn = std::polar(1.0, kTwoPi * i / kCoordinateCount);
-    Complex power = turn, harmonic = 0;
-    for (std::size_t n = 0; n < amplitudes.size(); ++n, power *= turn) {
-      harmonic += forward[n] * power + backward[n] * std::conj(power);
+    const Phasor turn = unit_phasor(kTwoPi * i / kCoordinateCount);
+    Phasor power = turn, harmonic;
+    for (std::size_t n = 0; n < amplitudes.size(); ++n, power = power * turn) {
+      harmonic.add(forward[n] * power, 1);
+      harmonic.add(backward[n] * conjugate(power), 1);
     }
-    const double error_rad = std::arg(harmonic * std::conj(turn));
+    const Phasor left = harmonic * conjugate(turn);
+    const double error_rad = std::atan2(left.imaginary, left.real);
     sum += error_rad * error_rad;
   }
   return std::sqrt(sum / kCoordinateCount) * family.period_px / kTwoPi;

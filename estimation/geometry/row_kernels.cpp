@@ -1,8 +1,6 @@
-// Bound by memory where the frames are not in the caches: each sample is read once, and the next
-// row's is asked for on the way, as more rows are read at a time than processors follow by
-// themselves.
 #include "estimation/geometry/row_kernels.h"
 
+#include <array>
 #include <cstdint>
 #include <limits>
 
@@ -11,6 +9,7 @@
 #include <hwy/foreach_target.h>
 
 // After foreach_target.h, which includes this file once a target.
+#include <hwy/cache_control.h>
 #include <hwy/contrib/math/math-inl.h>
 #include <hwy/highway.h>
 
@@ -27,7 +26,10 @@ using Of = hn::Vec<D>;
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// The same arithmetic as merge_row's.
+// Each of the loads asks for the next row's sample too: a row is over before processors have seen
+// that it is one, and there are hundreds of them.
+
+// As merge_row does it.
 template <typename D>
 HWY_INLINE Of<D> merge(D d, std::span<const ExposedRow> exposures, float saturation_dn,
                        std::size_t i) {
@@ -47,7 +49,10 @@ HWY_INLINE Of<D> merge(D d, std::span<const ExposedRow> exposures, float saturat
 
 template <typename D>
 HWY_INLINE Of<D> load(D d, const SampleRow& row, float saturation_dn, std::size_t i) {
-  if (row.merged != nullptr) return hn::LoadU(d, row.merged + i);
+  if (row.merged != nullptr) {
+    hwy::Prefetch(row.merged + static_cast<std::ptrdiff_t>(i) + row.to_next_row);
+    return hn::LoadU(d, row.merged + i);
+  }
   return merge(d, row.exposures, saturation_dn, i);
 }
 
@@ -65,29 +70,105 @@ HWY_INLINE Of<D> variance_of(D d, std::span<const NoiseRange> ranges, Of<D> samp
   return variance;
 }
 
+// Sums over a pattern's frames where none is saturated: whole numbers, so that black, noise and
+// exposure need to be seen to but once.
 template <typename D>
-HWY_INLINE void read_pair_at(D d, const SampleRow& plain_row, const SampleRow& inverse_row,
-                             const SampleNoise& noise, std::size_t i, const PairRow& out) {
-  const auto plain = load(d, plain_row, noise.saturation_dn, i);
-  const auto inverse = load(d, inverse_row, noise.saturation_dn, i);
-  auto value = hn::Sub(plain, inverse);
-  auto variance =
-      hn::Add(variance_of(d, noise.ranges, plain), variance_of(d, noise.ranges, inverse));
+struct WholeSum {
+  hn::Vec<hn::RebindToSigned<D>> dn, most_dn;
+};
+
+template <typename D>
+HWY_INLINE WholeSum<D> sum_of(D, const SampleRow& row, std::size_t i) {
+  const hn::RebindToSigned<D> di;
+  const hn::Rebind<std::uint16_t, D> du;
+  const std::span<const ExposedRow> exposures = row.exposures;
+  for (const ExposedRow& frame : exposures)
+    hwy::Prefetch(frame.dn + static_cast<std::ptrdiff_t>(i) + row.to_next_row);
+  WholeSum<D> sum{hn::PromoteTo(di, hn::LoadU(du, exposures[0].dn + i)), hn::Zero(di)};
+  sum.most_dn = sum.dn;
+  for (const ExposedRow& frame : exposures.subspan(1)) {
+    const auto dn = hn::PromoteTo(di, hn::LoadU(du, frame.dn + i));
+    sum.dn = hn::Add(sum.dn, dn);
+    sum.most_dn = hn::Max(sum.most_dn, dn);
+  }
+  return sum;
+}
+
+// Of a pattern's exposures together.
+struct Bracket {
+  float exposure_us = 0;
+  bool is_whole = false;  // frames of the same exposures in all patterns asked about
+};
+
+HWY_INLINE Bracket bracket_of(std::span<const SampleRow> rows) {
+  const std::span<const ExposedRow> like = rows[0].exposures;
+  if (like.empty()) return {};
+  Bracket bracket{0, true};
+  for (const ExposedRow& frame : like) bracket.exposure_us += frame.exposure_us;
+  for (const SampleRow& row : rows) {
+    bracket.is_whole = bracket.is_whole && row.exposures.size() == like.size();
+    for (std::size_t k = 0; bracket.is_whole && k < like.size(); ++k)
+      bracket.is_whole = row.exposures[k].exposure_us == like[k].exposure_us;
+  }
+  return bracket;
+}
+
+template <typename D>
+HWY_INLINE Of<D> black_of(D d, std::span<const ExposedRow> exposures, std::size_t i) {
+  auto black_dn = hn::LoadU(d, exposures[0].black_dn + i);
+  for (const ExposedRow& frame : exposures.subspan(1))
+    black_dn = hn::Add(black_dn, hn::LoadU(d, frame.black_dn + i));
+  return black_dn;
+}
+
+template <typename D>
+HWY_INLINE void store_pair(D d, Of<D> value, Of<D> variance, std::size_t i, const PairRow& out) {
   const auto contrast = hn::Abs(value);
   const auto best = hn::LoadU(d, out.contrast + i);
   const auto is_better = hn::Gt(contrast, best);  // NaN is not
   hn::StoreU(hn::IfThenElse(is_better, contrast, best), d, out.contrast + i);
   hn::StoreU(hn::IfThenElse(is_better, variance, hn::LoadU(d, out.contrast_variance + i)), d,
              out.contrast_variance + i);
-  const auto is_lost = hn::IsNaN(value);
-  if (HWY_UNLIKELY(!hn::AllFalse(d, is_lost))) {
-    hn::StoreU(hn::Add(hn::LoadU(d, out.lost + i), hn::Sub(value, value)), d, out.lost + i);
-    variance = hn::IfThenElse(is_lost, hn::Zero(d), variance);
-    const auto plain_is_there = hn::And(is_lost, hn::Eq(plain, plain));
-    const auto inverse_is_there = hn::And(is_lost, hn::Eq(inverse, inverse));
-    value = hn::IfThenElse(inverse_is_there, hn::Set(d, kInfinity), value);
-    value = hn::IfThenElse(plain_is_there, hn::Set(d, -kInfinity), value);
+  hn::StoreU(value, d, out.value + i);
+  hn::StoreU(variance, d, out.variance + i);
+}
+
+template <typename D>
+HWY_INLINE void read_pair_at(D d, const SampleRow& plain_row, const SampleRow& inverse_row,
+                             const Bracket& bracket, const SampleNoise& noise, std::size_t i,
+                             const PairRow& out) {
+  if (bracket.is_whole) {
+    const WholeSum<D> plain = sum_of(d, plain_row, i);
+    const WholeSum<D> inverse = sum_of(d, inverse_row, i);
+    const auto most = hn::ConvertTo(d, hn::Max(plain.most_dn, inverse.most_dn));
+    if (HWY_LIKELY(hn::AllTrue(d, hn::Lt(most, hn::Set(d, noise.saturation_dn))))) {
+      const auto per_us = hn::Set(d, 1 / bracket.exposure_us);
+      const NoiseRange& range = noise.ranges.front();
+      const auto value = hn::Mul(hn::ConvertTo(d, hn::Sub(plain.dn, inverse.dn)), per_us);
+      const auto black = black_of(d, plain_row.exposures, i);
+      const auto both =
+          hn::NegMulAdd(hn::Set(d, 2.0F), black, hn::ConvertTo(d, hn::Add(plain.dn, inverse.dn)));
+      const auto variance =
+          hn::MulAdd(hn::Set(d, range.shot_dn_per_us / bracket.exposure_us),
+                     hn::Max(both, hn::Zero(d)), hn::Set(d, 2 * range.read_variance));
+      store_pair(d, value, variance, i, out);
+      return;
+    }
   }
+  const auto plain = load(d, plain_row, noise.saturation_dn, i);
+  const auto inverse = load(d, inverse_row, noise.saturation_dn, i);
+  auto value = hn::Sub(plain, inverse);
+  auto variance =
+      hn::Add(variance_of(d, noise.ranges, plain), variance_of(d, noise.ranges, inverse));
+  store_pair(d, value, variance, i, out);
+  const auto is_lost = hn::IsNaN(value);
+  if (HWY_LIKELY(hn::AllFalse(d, is_lost))) return;
+  hn::StoreU(hn::Add(hn::LoadU(d, out.lost + i), hn::Sub(value, value)), d, out.lost + i);
+  variance = hn::IfThenElse(is_lost, hn::Zero(d), variance);
+  const auto plain_is_there = hn::And(is_lost, hn::Eq(plain, plain));
+  const auto inverse_is_there = hn::And(is_lost, hn::Eq(inverse, inverse));
+  value = hn::IfThenElse(inverse_is_there, hn::Set(d, kInfinity), value);
+  value = hn::IfThenElse(plain_is_there, hn::Set(d, -kInfinity), value);
   hn::StoreU(value, d, out.value + i);
   hn::StoreU(variance, d, out.variance + i);
 }
@@ -95,10 +176,11 @@ HWY_INLINE void read_pair_at(D d, const SampleRow& plain_row, const SampleRow& i
 void read_pair_row(const SampleRow& plain, const SampleRow& inverse, const SampleNoise& noise,
                    std::size_t width, const PairRow& out) {
   const Vectors d;
+  const Bracket bracket = bracket_of(std::array{plain, inverse});
   std::size_t i = 0;
   for (; i + hn::Lanes(d) <= width; i += hn::Lanes(d))
-    read_pair_at(d, plain, inverse, noise, i, out);
-  for (; i < width; ++i) read_pair_at(One(), plain, inverse, noise, i, out);
+    read_pair_at(d, plain, inverse, bracket, noise, i, out);
+  for (; i < width; ++i) read_pair_at(One(), plain, inverse, bracket, noise, i, out);
 }
 
 // atan2 of float's own precision.
@@ -114,23 +196,69 @@ HWY_INLINE Of<D> angle_of(D d, Of<D> sine, Of<D> cosine) {
   return hn::CopySign(angle, sine);
 }
 
+// First harmonic, and the covariance of cosine and sine.
 template <typename D>
-HWY_INLINE void read_phases_at(D d, std::span<const SampleRow> shifts, const SampleNoise& noise,
-                               const FamilyWeights& weights, std::size_t i, const PhaseRow& out) {
-  auto mean = hn::Zero(d), cosine = hn::Zero(d), sine = hn::Zero(d);
-  auto cos_cos = hn::Zero(d), cos_sin = hn::Zero(d), sin_sin = hn::Zero(d);
-  for (std::size_t k = 0; k < shifts.size(); ++k) {
-    const auto sample = load(d, shifts[k], noise.saturation_dn, i);
-    const auto variance = variance_of(d, noise.ranges, sample);
+struct Phasors {
+  Of<D> mean, cosine, sine, cos_cos, cos_sin, sin_sin;
+};
+
+// Sums over the shifts of each sample and its variance.
+template <typename D, typename Sample>
+HWY_INLINE Phasors<D> sum_phasors(D d, const FamilyWeights& weights, std::size_t shift_count,
+                                  const Sample& sample_and_variance) {
+  const auto zero = hn::Zero(d);
+  Phasors<D> sum{zero, zero, zero, zero, zero, zero};
+  for (std::size_t k = 0; k < shift_count; ++k) {
+    const auto [sample, variance] = sample_and_variance(k);
     const auto wc = hn::Set(d, weights.cosine[k]), ws = hn::Set(d, weights.sine[k]);
-    mean = hn::MulAdd(hn::Set(d, weights.mean[k]), sample, mean);
-    cosine = hn::MulAdd(wc, sample, cosine);
-    sine = hn::MulAdd(ws, sample, sine);
+    sum.mean = hn::MulAdd(hn::Set(d, weights.mean[k]), sample, sum.mean);
+    sum.cosine = hn::MulAdd(wc, sample, sum.cosine);
+    sum.sine = hn::MulAdd(ws, sample, sum.sine);
     const auto cosine_variance = hn::Mul(wc, variance), sine_variance = hn::Mul(ws, variance);
-    cos_cos = hn::MulAdd(wc, cosine_variance, cos_cos);
-    cos_sin = hn::MulAdd(wc, sine_variance, cos_sin);
-    sin_sin = hn::MulAdd(ws, sine_variance, sin_sin);
+    sum.cos_cos = hn::MulAdd(wc, cosine_variance, sum.cos_cos);
+    sum.cos_sin = hn::MulAdd(wc, sine_variance, sum.cos_sin);
+    sum.sin_sin = hn::MulAdd(ws, sine_variance, sum.sin_sin);
   }
+  return sum;
+}
+
+template <typename D>
+struct SampleAndVariance {
+  Of<D> sample, variance;
+};
+
+template <typename D>
+HWY_INLINE Phasors<D> read_phasors(D d, std::span<const SampleRow> shifts, const Bracket& bracket,
+                                   const SampleNoise& noise, const FamilyWeights& weights,
+                                   std::size_t i) {
+  if (bracket.is_whole) {
+    const hn::RebindToSigned<D> di;
+    const auto black = black_of(d, shifts[0].exposures, i);
+    const auto per_us = hn::Set(d, 1 / bracket.exposure_us);
+    const auto shot = hn::Set(d, noise.ranges.front().shot_dn_per_us);
+    const auto read = hn::Set(d, noise.ranges.front().read_variance);
+    auto most_dn = hn::Zero(di);
+    const Phasors<D> sum = sum_phasors(d, weights, shifts.size(), [&](std::size_t k) {
+      const WholeSum<D> whole = sum_of(d, shifts[k], i);
+      most_dn = hn::Max(most_dn, whole.most_dn);
+      const auto sample = hn::Mul(hn::Sub(hn::ConvertTo(d, whole.dn), black), per_us);
+      return SampleAndVariance<D>{sample, hn::MulAdd(shot, hn::Max(sample, hn::Zero(d)), read)};
+    });
+    const auto saturation = hn::Set(d, noise.saturation_dn);
+    if (HWY_LIKELY(hn::AllTrue(d, hn::Lt(hn::ConvertTo(d, most_dn), saturation)))) return sum;
+  }
+  return sum_phasors(d, weights, shifts.size(), [&](std::size_t k) {
+    const auto sample = load(d, shifts[k], noise.saturation_dn, i);
+    return SampleAndVariance<D>{sample, variance_of(d, noise.ranges, sample)};
+  });
+}
+
+template <typename D>
+HWY_INLINE void read_phases_at(D d, std::span<const SampleRow> shifts, const Bracket& bracket,
+                               const SampleNoise& noise, const FamilyWeights& weights,
+                               std::size_t i, const PhaseRow& out) {
+  const auto [mean, cosine, sine, cos_cos, cos_sin, sin_sin] =
+      read_phasors(d, shifts, bracket, noise, weights, i);
   const auto is_lost = hn::IsNaN(cosine);
   if (HWY_UNLIKELY(!hn::AllFalse(d, is_lost)))
     hn::StoreU(hn::Add(hn::LoadU(d, out.lost + i), hn::Sub(cosine, cosine)), d, out.lost + i);
@@ -161,10 +289,11 @@ void read_phases_row(std::span<const SampleRow> shifts, const SampleNoise& noise
                      const FamilyWeights& weights, std::size_t begin, std::size_t end,
                      const PhaseRow& out) {
   const Vectors d;
+  const Bracket bracket = bracket_of(shifts);
   std::size_t i = begin;
   for (; i + hn::Lanes(d) <= end; i += hn::Lanes(d))
-    read_phases_at(d, shifts, noise, weights, i, out);
-  for (; i < end; ++i) read_phases_at(One(), shifts, noise, weights, i, out);
+    read_phases_at(d, shifts, bracket, noise, weights, i, out);
+  for (; i < end; ++i) read_phases_at(One(), shifts, bracket, noise, weights, i, out);
 }
 
 }  // namespace estimation::HWY_NAMESPACE

@@ -112,10 +112,10 @@ void SignalRows::open(int row) {
 }
 
 SampleRow SignalRows::at(std::size_t signal) const {
-  const ImageView<const float>& merged = set_.sources[signal].merged;
-  if (!merged.empty()) return {merged.row(row_).data(), {}};
-  return {nullptr,
-          std::span(exposed_).subspan(first_[signal], first_[signal + 1] - first_[signal])};
+  const SignalSource& source = set_.sources[signal];
+  if (!source.merged.empty()) return {source.merged.row(row_).data(), {}, source.merged.stride};
+  return {nullptr, std::span(exposed_).subspan(first_[signal], first_[signal + 1] - first_[signal]),
+          source.frames.front().dn.stride};
 }
 
 float SignalRows::sample(std::size_t signal, std::size_t col) const {

@@ -1,6 +1,7 @@
 // Samples along one image row of every signal: from merged images, or straight from the frames.
 #pragma once
 
+#include <cstddef>
 #include <span>
 #include <vector>
 
@@ -35,6 +36,7 @@ SignalSet collect_signals(std::span<const PatternSignal> signals,
 struct SampleRow {
   const float* merged = nullptr;          // DN/us; or, if null,
   std::span<const ExposedRow> exposures;  // as recorded
+  std::ptrdiff_t to_next_row = 0;         // in the frames' samples
 };
 
 // Scratch of one worker. Not thread-safe; borrows its set.
