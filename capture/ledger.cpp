@@ -16,6 +16,8 @@ using std::chrono::nanoseconds;
 // The pulse's start is known to the trigger box's clock map, the frame's to the camera's: both good
 // to some ten microseconds on an idle host.
 constexpr nanoseconds kPulseTimeUncertainty{100'000};
+// The camera's clock is read when it is armed, and drifts by up to 50 ppm from then on: 40 s.
+constexpr nanoseconds kCameraTimeUncertainty{2'000'000};
 
 std::string in_us(nanoseconds time) {
   return std::to_string(duration_cast<microseconds>(time).count()) + " us";
@@ -41,6 +43,7 @@ void Ledger::start_run() {
   held_.clear();
   camera_clock_ = {};
   last_edge_number_ = 0;
+  lag_.reset();
   primed_frame_count_ = 0;
   is_primed_ = false;
 }
@@ -126,13 +129,32 @@ Findings Ledger::edge_seen(const rig::EdgeSeen& edge) {
 }
 
 // Both are known: was it our flip that the photodiode saw?
-Findings Ledger::check_flip(const Showing& showing) const {
+Findings Ledger::check_flip(const Showing& showing) {
   if (showing.is_spoiled || !showing.swapped || !showing.edge) return {};
+  if (rules_.has_edge_per_bracket) return check_lag(showing);
   // A swap is reported up to a refresh after the vertical blank at which it happened.
   if (showing.edge->time >= *showing.swapped - rules_.refresh_interval) return {};
   return {about(showing, Incident::kEdgeBeforeFlip,
                 "the edge came " + in_us(*showing.swapped - showing.edge->time) +
                     " before the picture was swapped in")};
+}
+
+// The camera does not say what it saw, so a stray trigger must be told from our flip by its time.
+Findings Ledger::check_lag(const Showing& showing) {
+  const rig::HostTime edge = showing.edge->time;
+  const nanoseconds early = showing.flip.requested - edge;
+  if (early > kCameraTimeUncertainty)
+    return {about(showing, Incident::kEdgeBeforeFlip,
+                  "the edge came " + in_us(early) + " before the picture was asked for")};
+  const nanoseconds lag = edge - *showing.swapped;
+  if (!lag_) lag_ = lag;
+  const nanoseconds difference = lag - *lag_;
+  // Swaps are reported up to a refresh late.
+  if (std::chrono::abs(difference) <= rules_.refresh_interval * 5 / 4) return {};
+  const bool is_early = difference < nanoseconds(0);
+  return {about(showing, is_early ? Incident::kEdgeBeforeFlip : Incident::kEdgeLate,
+                "the edge came " + in_us(std::chrono::abs(difference)) +
+                    (is_early ? " earlier" : " later") + " after the swap than the run's first")};
 }
 
 Findings Ledger::edge_ignored(const rig::EdgeIgnored& edge) {

@@ -7,8 +7,11 @@
 //           through a clock map learnt in this run, must be that pulse's start; its exposure chunk
 //           must be that bracket's.
 // Without a trigger box each bracket is a showing of its own: one edge, one pulse, one frame, all
-// of them told by the camera (rig/camera_trigger.h); then its count and the flips' times are the
-// proof. Plain data and decisions; no device, no clock of its own. Copyable.
+// of them told by the camera (rig/camera_trigger.h). Then its count of edges and the time of each
+// are the proof: not before its picture was asked for, and as long after the swap as the run's
+// first.
+//
+// Plain data and decisions; no device, no clock of its own. Copyable.
 #pragma once
 
 #include <chrono>
@@ -194,7 +197,8 @@ class Ledger {
   bool is_decidable(const FrameFacts& facts) const;
   Verdict decide(const FrameFacts& facts, Findings& findings);
   std::optional<Finding> contradiction(const FrameFacts& facts, const Pulse& pulse) const;
-  Findings check_flip(const Showing& showing) const;
+  Findings check_flip(const Showing& showing);
+  Findings check_lag(const Showing& showing);
   Slot& slot(SlotId id);
   Evidence evidence_of(const FrameFacts& facts, const Pulse& pulse) const;
   Finding about(const Showing& showing, Incident incident, std::string detail) const;
@@ -209,7 +213,8 @@ class Ledger {
   std::vector<Held> held_;
   rig::ClockMap<rig::CameraClock> camera_clock_;
   std::uint32_t last_edge_number_ = 0;
-  int primed_frame_count_ = 0;  // of the priming under way, or the last one
+  std::optional<std::chrono::nanoseconds> lag_;  // from a reported swap to its edge
+  int primed_frame_count_ = 0;                   // of the priming under way, or the last one
   bool is_primed_ = false;
 };
 

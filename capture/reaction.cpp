@@ -13,6 +13,7 @@ Reaction reaction_to(Incident incident, rig::Bracketing bracketing) {
       // square may be no change to the box, and arming anew under a dark square is sure.
       return Reaction::kRestart;
     case Incident::kEdgeBeforeFlip:
+    case Incident::kEdgeLate:
     case Incident::kEdgeOutOfOrder:
     case Incident::kPulseOutOfOrder:
     case Incident::kDataLost:
@@ -74,6 +75,8 @@ std::string_view to_string(Incident incident) {
       return "edge to the wrong level";
     case Incident::kEdgeBeforeFlip:
       return "edge before the flip";
+    case Incident::kEdgeLate:
+      return "edge late";
     case Incident::kEdgeDuringExposure:
       return "edge during the exposure";
     case Incident::kEdgeOutOfOrder:

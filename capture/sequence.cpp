@@ -46,6 +46,7 @@ std::string_view remedy(Incident incident) {
       return "see that the photodiode sits on the sync square and its thresholds fit";
     case Incident::kEdgeWrongLevel:
     case Incident::kEdgeBeforeFlip:
+    case Incident::kEdgeLate:
     case Incident::kEdgeDuringExposure:
     case Incident::kEdgeOutOfOrder:
       return "shade the photodiode from other light, or lengthen trigger.debounce_us";

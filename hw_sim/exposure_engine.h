@@ -48,6 +48,7 @@ class ExposureEngine {
   std::uint64_t trigger_count() const { return trigger_count_; }
   std::uint64_t missed_count() const { return missed_count_; }
   int active_set() const { return active_set_; }
+  bool is_busy(rig::HostTime time) const { return time < busy_until_; }
   // The fault of a sequencer out of step: it moves on without a pulse.
   void slip() { active_set_ = sets[index(active_set_)].next_set; }
 

@@ -6,6 +6,8 @@ namespace hw_sim {
 
 namespace {
 
+constexpr int kStrayIndex = -1;  // of a pulse that is in no train
+
 DisplayTiming lagged(DisplayTiming timing, const World& world) {
   timing.input_lag_refreshes += world.lamp_timing().input_lag_refreshes;
   return timing;
@@ -18,15 +20,21 @@ InProcessRig::InProcessRig(const World& world, InProcessOptions options)
       options_(std::move(options)),
       faults_(options_.faults),
       camera_(options_.camera, options_.camera_timing, faults_, timeline_, world_, light_),
+      camera_trigger_(timeline_),
       trigger_(options_.trigger, faults_, timeline_,
                [this](const LinePulse& each) { pulse(each); }),
+      photodiode_(timeline_, [this](int level_adc) { level(level_adc); }),
       projector_(options_.projector, lagged(options_.display_timing, world_), faults_, timeline_,
                  [this](const std::shared_ptr<const Picture>& picture, bool is_square_light,
                         const FlipFaults& faults) { light(picture, is_square_light, faults); }) {
+  camera_trigger_.watch(camera_);
+  if (!has_box()) camera_.be_the_trigger(camera_trigger_, [this] { pulse_without_box(); });
+  photodiode_.square(false);
   // What the plan has for a rig at rest.
   faults_.opened();
   take_device_faults();
-  trigger_.take_train_faults();
+  photodiode_.take_faults(faults_);
+  if (has_box()) trigger_.take_train_faults();
   if (faults_.take(FaultKind::kTriggerDoubled)) camera_.disturb_line();
   if (const auto step = faults_.take(FaultKind::kClockStep)) camera_.step_clock(step->duration);
 }
@@ -37,26 +45,51 @@ void InProcessRig::light(const std::shared_ptr<const Picture>& picture, bool is_
   world_.prepare(picture);
   const auto delay = square_delay(world_.lamp_timing(), options_.projector.sync_square,
                                   options_.projector.height_px);
-  if (delay.count() == 0) return trigger_.square(is_square_light, faults);
-  timeline_.schedule(timeline_.now() + delay,
-                     [this, is_square_light, faults] { trigger_.square(is_square_light, faults); });
+  if (delay.count() == 0) return photodiode_.square(is_square_light, faults);
+  timeline_.schedule(timeline_.now() + delay, [this, is_square_light, faults] {
+    photodiode_.square(is_square_light, faults);
+  });
+}
+
+rig::Trigger& InProcessRig::trigger() {
+  if (has_box()) return trigger_;
+  return camera_trigger_;
+}
+
+void InProcessRig::level(int level_adc) {
+  if (has_box()) return trigger_.photodiode(level_adc);
+  const bool is_edge = comparator_.look(level_adc);
+  if (is_edge && options_.sync == rig::SyncMode::kCameraLine) pulse_without_box();
 }
 
 void InProcessRig::pulse(const LinePulse& pulse) {
-  if (pulse.index == 0) take_device_faults();
+  if (pulse.index == 0) {
+    photodiode_.take_faults(faults_);
+    take_device_faults();
+  }
   camera_.pulse(pulse);
+}
+
+// What the box tells the schedule of faults, told by what the camera makes of the pulse.
+void InProcessRig::pulse_without_box() {
+  const int bracket = camera_.next_bracket();
+  if (!camera_.is_waiting())  // one too many
+    return camera_.pulse({timeline_.now(), {}, kStrayIndex});
+  if (bracket == 0) faults_.train_started();
+  faults_.pulse_started(bracket);
+  pulse({timeline_.now(), {}, bracket});
 }
 
 void InProcessRig::take_device_faults() {
   if (const auto stuck = faults_.take(FaultKind::kPhotodiodeStuck)) {
-    trigger_.stick_photodiode(true);
-    undo_after(stuck->duration, [this] { trigger_.stick_photodiode(false); });
+    photodiode_.stick(true);
+    undo_after(stuck->duration, [this] { photodiode_.stick(false); });
   }
   if (const auto dim = faults_.take(FaultKind::kPhotodiodeDim)) {
-    trigger_.dim_photodiode(dim->level_frac);
-    undo_after(dim->duration, [this] { trigger_.dim_photodiode(1); });
+    photodiode_.dim(dim->level_frac);
+    undo_after(dim->duration, [this] { photodiode_.dim(1); });
   }
-  if (const auto out = faults_.take(FaultKind::kUsbUnplugged)) {
+  if (const auto out = has_box() ? faults_.take(FaultKind::kUsbUnplugged) : std::nullopt) {
     trigger_.unplug();
     undo_after(out->duration, [this] { trigger_.plug_in(); });
   }

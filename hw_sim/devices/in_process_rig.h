@@ -1,8 +1,14 @@
 // A whole rig in one process on a virtual clock: projector, photodiode, trigger box and camera
 // around a World, joined by function calls where the real one has light and wires.
+//
+//   trigger_box   photodiode ─► box ─► pulses ─► camera
+//   camera_line   photodiode ─► comparator ─► camera's line
+//   software      trigger_software() ─► camera
 #pragma once
 
+#include "hw_sim/comparator.h"
 #include "hw_sim/devices/sim_camera.h"
+#include "hw_sim/devices/sim_photodiode.h"
 #include "hw_sim/devices/sim_projector.h"
 #include "hw_sim/devices/sim_trigger.h"
 #include "hw_sim/devices/timeline.h"
@@ -11,8 +17,10 @@
 #include "hw_sim/light.h"
 #include "hw_sim/world.h"
 #include "rig/camera.h"
+#include "rig/camera_trigger.h"
 #include "rig/projector.h"
 #include "rig/reopener.h"
+#include "rig/rig_file.h"
 #include "rig/trigger.h"
 
 namespace hw_sim {
@@ -24,6 +32,7 @@ struct InProcessOptions {
   DisplayTiming display_timing;
   CameraTiming camera_timing;
   FaultPlan faults;
+  rig::SyncMode sync = rig::SyncMode::kTriggerBox;
 };
 
 // Not thread-safe. `world` outlives the rig; frames taken from it may outlive both.
@@ -35,7 +44,7 @@ class InProcessRig final : public rig::Reopener {
 
   Timeline& timeline() { return timeline_; }
   SimProjector& projector() { return projector_; }
-  SimTrigger& trigger() { return trigger_; }
+  rig::Trigger& trigger();
   SimCamera& camera() { return camera_; }
   void close(rig::Device device) override;
   rig::Result<void> open(rig::Device device) override;
@@ -45,7 +54,10 @@ class InProcessRig final : public rig::Reopener {
  private:
   void light(const std::shared_ptr<const Picture>& picture, bool is_square_light,
              const FlipFaults& faults);
+  void level(int level_adc);
   void pulse(const LinePulse& pulse);
+  void pulse_without_box();
+  bool has_box() const { return options_.sync == rig::SyncMode::kTriggerBox; }
   void take_device_faults();
   void undo_after(std::chrono::milliseconds duration, std::function<void()> undo);
 
@@ -55,7 +67,10 @@ class InProcessRig final : public rig::Reopener {
   FaultSchedule faults_;
   LightTimeline light_;
   SimCamera camera_;
+  rig::CameraTrigger camera_trigger_;
   SimTrigger trigger_;
+  Comparator comparator_;
+  SimPhotodiode photodiode_;
   SimProjector projector_;
 };
 

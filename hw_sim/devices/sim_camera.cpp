@@ -125,11 +125,16 @@ rig::Result<void> SimCamera::arm(const std::vector<microseconds>& bracket_exposu
   block_id_ = 0;
   ++arming_number_;
   is_armed_ = true;
+  if (is_the_trigger_) {
+    faults_.set_flips_per_showing(static_cast<int>(bracket_exposures.size()));
+    faults_.armed();
+  }
   return {};
 }
 
 void SimCamera::disarm() noexcept {
   is_armed_ = false;
+  if (is_the_trigger_) faults_.disarmed();
   ++arming_number_;
 }
 
@@ -138,6 +143,12 @@ rig::Result<rig::CameraCounters> SimCamera::counters() {
   counters_.trigger_count = static_cast<std::int64_t>(engine_.trigger_count());
   counters_.missed_trigger_count = static_cast<std::int64_t>(engine_.missed_count());
   return counters_;
+}
+
+void SimCamera::be_the_trigger(rig::EventSink& sink, std::function<void()> pulse) {
+  sink_ = &sink;
+  software_pulse_ = std::move(pulse);
+  is_the_trigger_ = true;
 }
 
 rig::Result<rig::CameraClockSample> SimCamera::read_clock() {
@@ -151,7 +162,7 @@ rig::Result<void> SimCamera::trigger_software() {
   if (settings_.trigger_line != rig::kSoftwareTrigger)
     return rig::failure(rig::Fault::kUnsupported,
                         "the trigger line is " + settings_.trigger_line + ", not Software");
-  on_software_trigger_();
+  software_pulse_();
   return {};
 }
 

@@ -46,12 +46,11 @@ class SimCamera final : public rig::Camera {
   rig::Result<rig::CameraClockSample> read_clock() override;
   rig::Result<void> trigger_software() override;
 
-  // Where its events go, instead of straight to the timeline.
-  void post_to(rig::EventSink& sink) { sink_ = &sink; }
-  // Called by trigger_software(): makes the pulse.
-  void on_software_trigger(std::function<void()> pulse) { on_software_trigger_ = std::move(pulse); }
-  bool is_armed() const { return is_armed_; }
-  // The bracket that the next pulse is of.
+  // In a rig without a trigger box: its events go to `sink`, its arming is the rig's, and
+  // trigger_software() calls `pulse`.
+  void be_the_trigger(rig::EventSink& sink, std::function<void()> pulse);
+  // Would a pulse be an exposure now, and of which bracket?
+  bool is_waiting() const { return is_armed_ && !engine_.is_busy(timeline_.now()); }
   int next_bracket() const { return engine_.active_set(); }
 
   // The trigger line goes up now.
@@ -94,7 +93,8 @@ class SimCamera final : public rig::Camera {
   FaultSchedule& faults_;
   Timeline& timeline_;
   rig::EventSink* sink_;  // borrowed
-  std::function<void()> on_software_trigger_;
+  std::function<void()> software_pulse_;
+  bool is_the_trigger_ = false;
   const World& world_;
   const LightTimeline& light_;
   rig::HostTime power_up_;

@@ -1,6 +1,5 @@
 #include "hw_sim/devices/sim_trigger.h"
 
-#include <cmath>
 #include <utility>
 
 namespace hw_sim {
@@ -9,16 +8,8 @@ namespace {
 namespace tb1 = rig::tb1;
 using std::chrono::microseconds;
 
-// Photodiode levels far on either side of any sensible thresholds.
-constexpr int kLightAdc = 900;
-constexpr int kDarkAdc = 100;
 constexpr std::chrono::nanoseconds kClockUncertainty{1000};  // the box's clock ticks in us
-constexpr microseconds kFlashDelay{5000};                    // beyond the debounce time
-constexpr microseconds kFlashDuration{1000};
-constexpr microseconds kBounceDelay{200};  // within the debounce time
-constexpr microseconds kBounceDuration{100};
-constexpr auto kSilenceLimit = 4 * tb1::kHeartbeatPeriod;  // of the driver
-constexpr int kFallSteps = 20;                             // four a time constant
+constexpr auto kSilenceLimit = 4 * tb1::kHeartbeatPeriod;    // of the driver
 
 rig::Error lost() {
   return {rig::Fault::kDeviceLost, "the trigger box is gone; plug it in and start again"};
@@ -32,9 +23,7 @@ SimTrigger::SimTrigger(rig::TriggerSettings settings, FaultSchedule& faults, Tim
       faults_(faults),
       timeline_(timeline),
       on_pulse_(std::move(on_pulse)),
-      box_(timeline.now()) {
-  photodiode(kDarkAdc);
-}
+      box_(timeline.now()) {}
 
 rig::Result<void> SimTrigger::arm(const std::vector<microseconds>& pulse_widths,
                                   std::uint32_t run_id) {
@@ -78,45 +67,6 @@ std::optional<std::vector<std::uint8_t>> SimTrigger::request(
   return box_.control(static_cast<std::uint8_t>(request), value, data, timeline_.now());
 }
 
-void SimTrigger::square(bool is_light, const FlipFaults& faults) {
-  is_true_square_light_ = is_light;
-  if (is_stuck_ || faults.is_edge_missed) return;
-  const bool is_fall = is_square_light_ && !is_light;
-  is_square_light_ = is_light;
-  if (is_fall && faults.fall_time.count() > 0) return fall_slowly(faults.fall_time);
-  photodiode(level_now());
-}
-
-int SimTrigger::level_now() const {
-  if (!is_square_light_) return kDarkAdc;
-  return kDarkAdc + static_cast<int>(std::lround(level_frac_ * (kLightAdc - kDarkAdc)));
-}
-
-void SimTrigger::fall_slowly(std::chrono::milliseconds time_constant) {
-  ++level_number_;
-  for (int step = 1; step <= kFallSteps; ++step) {
-    const double left_frac = step == kFallSteps ? 0 : std::exp(-step / 4.0);
-    const int level_adc =
-        kDarkAdc + static_cast<int>(std::lround(left_frac * (kLightAdc - kDarkAdc)));
-    timeline_.schedule(timeline_.now() + time_constant * step / 4,
-                       [this, level_adc, number = level_number_] {
-                         if (number != level_number_ || is_lost_) return;
-                         box_.light(timeline_.now(), level_adc);
-                         catch_up();
-                       });
-  }
-}
-
-void SimTrigger::stick_photodiode(bool is_stuck) {
-  is_stuck_ = is_stuck;
-  square(is_true_square_light_);
-}
-
-void SimTrigger::dim_photodiode(double level_frac) {
-  level_frac_ = level_frac;
-  photodiode(level_now());
-}
-
 void SimTrigger::silence_until(rig::HostTime end) {
   silent_until_ = end;
   if (end - timeline_.now() < kSilenceLimit) return;
@@ -129,12 +79,9 @@ void SimTrigger::silence_until(rig::HostTime end) {
 }
 
 void SimTrigger::take_train_faults() {
-  const rig::HostTime now = timeline_.now();
-  if (faults_.take(FaultKind::kLightFlash)) disturb(now + kFlashDelay, kFlashDuration);
-  if (faults_.take(FaultKind::kEdgeBounced)) disturb(now + kBounceDelay, kBounceDuration);
   if (faults_.take(FaultKind::kUsbGap)) drops_next_record_ = true;
   if (const auto silent = faults_.take(FaultKind::kUsbSilent))
-    silence_until(now + silent->duration);
+    silence_until(timeline_.now() + silent->duration);
   if (faults_.take(FaultKind::kUsbStall))
     timeline_.post(rig::DeviceFault{
         rig::Device::kTrigger,
@@ -142,7 +89,7 @@ void SimTrigger::take_train_faults() {
 }
 
 void SimTrigger::photodiode(int level_adc) {
-  ++level_number_;
+  level_adc_ = level_adc;
   if (is_lost_) return;
   box_.light(timeline_.now(), level_adc);
   catch_up();
@@ -177,12 +124,6 @@ void SimTrigger::hear(const tb1::Record& record) {
   for (rig::Event& event : reader_->read(record, clock_)) timeline_.post(std::move(event));
 }
 
-// Another light in the room: the photodiode sees the opposite of the square for a moment.
-void SimTrigger::disturb(rig::HostTime start, microseconds duration) {
-  timeline_.schedule(start, [this] { photodiode(is_square_light_ ? kDarkAdc : kLightAdc); });
-  timeline_.schedule(start + duration, [this] { photodiode(level_now()); });
-}
-
 void SimTrigger::plug_in() {
   is_plugged_in_ = true;
   box_ = TriggerBoxModel(timeline_.now());
@@ -194,7 +135,7 @@ rig::Result<void> SimTrigger::open_again() {
   disarm();
   is_lost_ = false;
   clock_ = {};
-  photodiode(level_now());
+  photodiode(level_adc_);
   return {};
 }
 

@@ -30,14 +30,10 @@ class SimTrigger final : public rig::Trigger {
   void disarm() noexcept override;
   rig::Result<rig::TriggerCounters> counters() override;
 
-  // The square of the picture whose light begins now.
-  void square(bool is_light, const FlipFaults& faults = {});
   // The photodiode's level now, in ADC counts 0..1023.
   void photodiode(int level_adc);
 
   // Faults that last.
-  void stick_photodiode(bool is_stuck);
-  void dim_photodiode(double level_frac);  // 1: as it was
   void silence_until(rig::HostTime end);
   void unplug();  // the box loses its power, too
   void plug_in();
@@ -52,9 +48,6 @@ class SimTrigger final : public rig::Trigger {
                                                    const std::vector<std::uint8_t>& data = {});
   void catch_up();  // takes what the box has done, and comes back when something is next due
   void hear(const rig::tb1::Record& record);
-  void disturb(rig::HostTime start, std::chrono::microseconds duration);
-  void fall_slowly(std::chrono::milliseconds time_constant);
-  int level_now() const;
 
   const rig::TriggerSettings settings_;
   FaultSchedule& faults_;
@@ -65,11 +58,7 @@ class SimTrigger final : public rig::Trigger {
   rig::ClockMap<rig::BoxClock> clock_;
   std::optional<rig::tb1::RecordReader> reader_;  // while armed
   std::uint64_t wake_up_number_ = 0;              // of the latest: earlier ones are void
-  std::uint64_t level_number_ = 0;                // of the latest level: a slow fall to it is void
-  bool is_square_light_ = false;                  // as the photodiode sees it
-  bool is_true_square_light_ = false;
-  bool is_stuck_ = false;
-  double level_frac_ = 1;
+  int level_adc_ = 0;                             // of the photodiode
   bool drops_next_record_ = false;
   bool is_plugged_in_ = true;
   rig::HostTime silent_until_;

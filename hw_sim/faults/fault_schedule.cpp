@@ -46,8 +46,20 @@ void FaultSchedule::opened() {
   note_progress();
 }
 
+void FaultSchedule::set_flips_per_showing(int flip_count) {
+  const std::lock_guard lock(mutex_);
+  flips_per_showing_ = flip_count;
+}
+
+FaultPlace FaultSchedule::next_flip() const {
+  if (is_train_started_ && place_.bracket + 1 < flips_per_showing_)
+    return {place_.showing, place_.bracket + 1};
+  return {place_.showing + 1, 0};
+}
+
 void FaultSchedule::armed() {
   const std::lock_guard lock(mutex_);
+  is_train_started_ = false;
   is_armed_ = true;
   place_.showing = std::max(place_.showing, kIdle);
   note_progress();
@@ -62,6 +74,7 @@ void FaultSchedule::disarmed() {
 void FaultSchedule::train_started() {
   const std::lock_guard lock(mutex_);
   place_ = {place_.showing + 1, 0};
+  is_train_started_ = true;
   note_progress();
 }
 
@@ -119,7 +132,7 @@ std::optional<PlannedFault> FaultSchedule::take(FaultKind kind) {
 
 bool FaultSchedule::take_skipped_blank() {
   const std::lock_guard lock(mutex_);
-  return is_armed_ && take_at(FaultKind::kVblankSkipped, {place_.showing + 1, 0}).has_value();
+  return is_armed_ && take_at(FaultKind::kVblankSkipped, next_flip()).has_value();
 }
 
 std::vector<std::string> FaultSchedule::happened() const {
@@ -161,7 +174,7 @@ FlipFaults FaultSchedule::take_flip() {
   const std::lock_guard lock(mutex_);
   FlipFaults flip;
   if (!is_armed_) return flip;
-  const auto take = [this](FaultKind kind) { return take_at(kind, {place_.showing + 1, 0}); };
+  const auto take = [this](FaultKind kind) { return take_at(kind, next_flip()); };
   if (const auto late = take(FaultKind::kFlipLate)) flip.delay = late->duration;
   flip.is_edge_missed = take(FaultKind::kEdgeMissed).has_value();
   if (const auto slow = take(FaultKind::kPhotodiodeSlowFall)) flip.fall_time = slow->duration;

@@ -41,6 +41,8 @@ class FaultSchedule {
 
   // The devices are open, and at rest.
   void opened();
+  // A rig without a trigger box flips the square for each bracket.
+  void set_flips_per_showing(int flip_count);
   // The box's account.
   void armed();
   void disarmed();
@@ -73,6 +75,7 @@ class FaultSchedule {
   };
 
   std::optional<PlannedFault> take_at(FaultKind kind, FaultPlace place);  // mutex_ is held
+  FaultPlace next_flip() const;                                           // mutex_ is held
   std::uint64_t draw(std::size_t entry, std::uint64_t occasion) const;
   void note_progress();
 
@@ -81,6 +84,8 @@ class FaultSchedule {
   std::condition_variable_any progressed_;
   std::vector<Entry> entries_;  // guarded by mutex_, as all below
   FaultPlace place_;
+  int flips_per_showing_ = 1;
+  bool is_train_started_ = false;  // since arming
   bool is_armed_ = false;
   std::uint64_t progress_count_ = 0;
   std::uint64_t seen_progress_ = 0;  // by wait_for_progress()

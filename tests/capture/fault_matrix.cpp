@@ -29,36 +29,33 @@ std::string seconds(milliseconds duration) {
   return text;
 }
 
-rig::RigFile rig_file_of(rig::Bracketing bracketing) {
-  rig::RigFile rig_file = ledger_rig_file();
-  rig_file.camera.bracketing = bracketing;
-  return rig_file;
-}
-
-MatrixCell run_cell(std::size_t fault, std::size_t place, rig::Bracketing bracketing) {
-  MatrixCell cell{fault, place, bracketing, {}};
+MatrixCell run_cell(std::size_t fault, std::size_t place, std::size_t rig) {
+  MatrixCell cell{fault, place, rig, {}};
+  const MatrixRig& tried = matrix_rigs()[rig];
   const FaultKind kind = matrix_faults()[fault].fault.kind;
   const int showing = matrix_places()[place].showing;
+  if (!tried.has_part_for(kind)) return cell;
   if (showing == hw_sim::kIdle && !hw_sim::is_possible_idle(kind)) return cell;
   const int bracket_count =
       hw_sim::site_of(kind) == FaultSite::kShot && showing != hw_sim::kIdle ? 2 : 1;
   for (int bracket = 0; bracket < bracket_count; ++bracket) {
     for (const bool has_chunks : {true, false}) {
-      if (!has_chunks && bracketing == rig::Bracketing::kSequencer) continue;  // refused at arming
+      if (!has_chunks && tried.bracketing == rig::Bracketing::kSequencer)
+        continue;  // refused at arming
       hw_sim::CameraTiming timing;
       timing.has_chunks = has_chunks;
       hw_sim::PlannedFault planned = matrix_faults()[fault].fault;
       planned.place = hw_sim::FaultPlace{showing, bracket};
-      cell.trials.push_back(try_faults({.faults = {planned}}, rig_file_of(bracketing), timing));
+      cell.trials.push_back(try_faults({.faults = {planned}}, tried.rig_file(), timing));
     }
   }
   return cell;
 }
 
 const MatrixCell* find(const std::vector<MatrixCell>& cells, std::size_t fault, std::size_t place,
-                       rig::Bracketing bracketing) {
+                       std::size_t rig) {
   for (const MatrixCell& cell : cells)
-    if (cell.fault == fault && cell.place == place && cell.bracketing == bracketing) return &cell;
+    if (cell.fault == fault && cell.place == place && cell.rig == rig) return &cell;
   return nullptr;
 }
 
@@ -82,12 +79,12 @@ std::string outcome_text(const MatrixCell& cell, milliseconds faultless) {
   return text;
 }
 
-std::string row(const std::vector<MatrixCell>& cells, std::size_t fault, rig::Bracketing bracketing,
+std::string row(const std::vector<MatrixCell>& cells, std::size_t fault, std::size_t rig,
                 milliseconds faultless) {
   std::set<std::string> detected, done;
   std::string outcomes;
   for (std::size_t place = 0; place < matrix_places().size(); ++place) {
-    const MatrixCell& cell = *find(cells, fault, place, bracketing);
+    const MatrixCell& cell = *find(cells, fault, place, rig);
     for (const Trial& trial : cell.trials) {
       detected.insert(trial.detected.begin(), trial.detected.end());
       done.insert(trial.done.begin(), trial.done.end());
@@ -163,12 +160,50 @@ const std::vector<MatrixFault>& matrix_faults() {
   return faults;
 }
 
+rig::RigFile MatrixRig::rig_file() const {
+  rig::RigFile rig_file =
+      sync == rig::SyncMode::kTriggerBox ? ledger_rig_file() : boxless_rig_file(sync);
+  rig_file.camera.bracketing = bracketing;
+  rig_file.sequence.pace = pace;
+  return rig_file;
+}
+
+bool MatrixRig::has_part_for(FaultKind kind) const {
+  switch (kind) {
+    case FaultKind::kUsbStall:
+    case FaultKind::kUsbGap:
+    case FaultKind::kUsbSilent:
+    case FaultKind::kUsbUnplugged:
+      return sync == rig::SyncMode::kTriggerBox;
+    case FaultKind::kEdgeMissed:
+    case FaultKind::kEdgeBounced:
+    case FaultKind::kLightFlash:
+    case FaultKind::kPhotodiodeSlowFall:
+    case FaultKind::kPhotodiodeStuck:
+    case FaultKind::kPhotodiodeDim:
+      return sync != rig::SyncMode::kSoftware;
+    default:
+      return true;
+  }
+}
+
+const std::vector<MatrixRig>& matrix_rigs() {
+  using enum rig::SyncMode;
+  using enum rig::Bracketing;
+  static const std::vector<MatrixRig> rigs = {
+      {"Sync mode trigger_box, bracketing by the camera's sequencer", kTriggerBox, kSequencer},
+      {"Sync mode trigger_box, bracketing by the pulse's width", kTriggerBox, kTriggerWidth},
+      {"Sync mode camera_line", kCameraLine, kSequencer},
+  };
+  return rigs;
+}
+
 std::vector<MatrixCell> run_fault_matrix() {
   std::vector<MatrixCell> cells;
-  for (const auto bracketing : {rig::Bracketing::kSequencer, rig::Bracketing::kTriggerWidth})
+  for (std::size_t rig = 0; rig < matrix_rigs().size(); ++rig)
     for (std::size_t fault = 0; fault < matrix_faults().size(); ++fault)
       for (std::size_t place = 0; place < matrix_places().size(); ++place)
-        cells.push_back(run_cell(fault, place, bracketing));
+        cells.push_back(run_cell(fault, place, rig));
   return cells;
 }
 
@@ -176,12 +211,9 @@ std::string fault_matrix_table(const std::vector<MatrixCell>& cells) {
   std::string text;
   std::size_t trial_count = 0;
   for (const MatrixCell& cell : cells) trial_count += cell.trials.size();
-  for (const auto bracketing : {rig::Bracketing::kSequencer, rig::Bracketing::kTriggerWidth}) {
-    const milliseconds faultless = try_faults({}, rig_file_of(bracketing)).duration;
-    text += std::string("Bracketing by ") +
-            (bracketing == rig::Bracketing::kSequencer ? "the camera's sequencer"
-                                                       : "the pulse's width") +
-            ", sync mode trigger_box; without a fault a capture takes " + seconds(faultless) +
+  for (std::size_t rig = 0; rig < matrix_rigs().size(); ++rig) {
+    const milliseconds faultless = try_faults({}, matrix_rigs()[rig].rig_file()).duration;
+    text += matrix_rigs()[rig].name + "; without a fault a capture takes " + seconds(faultless) +
             ".\n\n| fault | detected | done |";
     for (const MatrixPlace& place : matrix_places())
       text.append(" ").append(place.name).append(" |");
@@ -189,7 +221,8 @@ std::string fault_matrix_table(const std::vector<MatrixCell>& cells) {
     for (std::size_t i = 0; i < matrix_places().size(); ++i) text += "---|";
     text += "\n";
     for (std::size_t fault = 0; fault < matrix_faults().size(); ++fault)
-      text += row(cells, fault, bracketing, faultless);
+      if (matrix_rigs()[rig].has_part_for(matrix_faults()[fault].fault.kind))
+        text += row(cells, fault, rig, faultless);
     text += "\n";
   }
   int wrong_count = 0, false_count = 0, hung_count = 0;

@@ -38,10 +38,22 @@ struct MatrixFault {
 };
 const std::vector<MatrixFault>& matrix_faults();
 
-struct MatrixCell {
-  std::size_t fault = 0;  // of matrix_faults()
-  std::size_t place = 0;  // of matrix_places()
+// A rig that the matrix tries the faults on.
+struct MatrixRig {
+  std::string name;
+  rig::SyncMode sync = rig::SyncMode::kTriggerBox;
   rig::Bracketing bracketing = rig::Bracketing::kSequencer;
+  rig::Pace pace = rig::Pace::kHandshake;
+
+  rig::RigFile rig_file() const;
+  bool has_part_for(hw_sim::FaultKind kind) const;
+};
+const std::vector<MatrixRig>& matrix_rigs();
+
+struct MatrixCell {
+  std::size_t fault = 0;      // of matrix_faults()
+  std::size_t place = 0;      // of matrix_places()
+  std::size_t rig = 0;        // of matrix_rigs()
   std::vector<Trial> trials;  // a bracket each, with and without chunks; empty: cannot happen there
 };
 

@@ -24,12 +24,13 @@ void expect_promise(const Trial& trial) {
 TEST(FaultMatrix, KeepsThePromiseAndIsTheTableOfTheReadme) {
   const std::vector<MatrixCell> cells = run_fault_matrix();
   for (const MatrixCell& cell : cells) {
-    SCOPED_TRACE(matrix_faults()[cell.fault].name + " at " + matrix_places()[cell.place].name);
+    SCOPED_TRACE(matrix_rigs()[cell.rig].name + ": " + matrix_faults()[cell.fault].name + " at " +
+                 matrix_places()[cell.place].name);
     for (const Trial& trial : cell.trials) expect_promise(trial);
   }
   std::ifstream in(TESTS_README);
   const std::string readme{std::istreambuf_iterator<char>(in), {}};
-  EXPECT_EQ(with_fault_matrix(readme, fault_matrix_table(cells)), readme)
+  EXPECT_TRUE(with_fault_matrix(readme, fault_matrix_table(cells)) == readme)
       << "run fault_matrix_table tests/README.md";
 }
 
@@ -39,8 +40,7 @@ TEST(FaultMatrix, RandomFaultsEndCompleteOrFailedButNeverWrong) {
   for (int seed = 0; seed < kCaptureCount; ++seed) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     std::mt19937_64 random(static_cast<std::uint64_t>(seed));
-    rig::RigFile rig_file = ledger_rig_file();
-    if (random() % 2 == 0) rig_file.camera.bracketing = rig::Bracketing::kTriggerWidth;
+    rig::RigFile rig_file = matrix_rigs()[random() % matrix_rigs().size()].rig_file();
     hw_sim::CameraTiming timing;
     if (rig_file.camera.bracketing == rig::Bracketing::kTriggerWidth)
       timing.has_chunks = random() % 2 == 0;

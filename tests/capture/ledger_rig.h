@@ -32,6 +32,17 @@ inline rig::RigFile ledger_rig_file() {
   return rig_file;
 }
 
+// The same without a trigger box.
+inline rig::RigFile boxless_rig_file(rig::SyncMode sync) {
+  rig::RigFile rig_file = ledger_rig_file();
+  rig_file.sequence.sync = sync;
+  if (sync == rig::SyncMode::kSoftware)
+    rig_file.camera.trigger_line = rig::kSoftwareTrigger;
+  else
+    rig_file.camera.trigger_edge = rig::TriggerEdge::kAny;
+  return rig_file;
+}
+
 // 88 patterns although the projector is small: 176 slots, as the real thing has.
 inline Plan ledger_plan(const rig::RigFile& rig_file) {
   Plan plan{"paper", estimation::paper_patterns(), {}, rig_file.sequence.exposures};
@@ -76,8 +87,13 @@ struct LedgerCapture {
                          const hw_sim::CameraTiming& camera_timing = {})
       : rig_file(rig_file_in),
         plan(ledger_plan(rig_file)),
-        rig(world,
-            {rig_file.projector, rig_file.trigger, rig_file.camera, {}, camera_timing, faults}) {
+        rig(world, {rig_file.projector,
+                    rig_file.trigger,
+                    rig_file.camera,
+                    {},
+                    camera_timing,
+                    faults,
+                    rig_file.sequence.sync}) {
     const int left_px = rig_file.projector.width_px - rig_file.projector.sync_square.size_px;
     const int top_px = rig_file.projector.height_px - rig_file.projector.sync_square.size_px;
     for (auto& picture : render_pictures(plan, rig_file.projector)) {

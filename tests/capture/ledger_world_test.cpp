@@ -24,6 +24,16 @@ TEST(LedgerWorldCapture, FillsEverySlotWithItsOwnFrame) {
   EXPECT_TRUE(capture.incidents.empty());
 }
 
+TEST(LedgerWorldCapture, PhotodiodeOnTheCamerasLineNeedsNoBox) {
+  LedgerCapture capture({}, boxless_rig_file(rig::SyncMode::kCameraLine));
+  const RunResult result = capture.run();
+  EXPECT_EQ(result.outcome, Outcome::kComplete) << (result.failure ? result.failure->text : "");
+  EXPECT_EQ(capture.keeper.frames.size(), 176U);
+  EXPECT_EQ(capture.wrong_frame_count(), 0);
+  EXPECT_EQ(result.retake_count, 0);
+  EXPECT_TRUE(capture.incidents.empty());
+}
+
 TEST(LedgerWorldCapture, LeavesTheProjectorBlackAndTheDevicesDisarmed) {
   LedgerCapture capture;
   ASSERT_EQ(capture.run().outcome, Outcome::kComplete);
