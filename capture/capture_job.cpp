@@ -4,6 +4,7 @@
 #include <optional>
 #include <utility>
 
+#include "capture/journal.h"
 #include "capture/live_estimate.h"
 #include "capture/motion_file.h"
 #include "capture/results.h"
@@ -67,19 +68,6 @@ std::string summary(const RunResult& run, int slot_count) {
   return text;
 }
 
-// Calibrations take frames alone, of what does not breathe.
-Take take_of(const Plan& plan, const rig::RigFile& rig_file, CaptureProduct product) {
-  return make_take(plan, product == CaptureProduct::kMaps ? rig_file.sequence.repeat_every : 0);
-}
-
-std::unique_ptr<MotionWatch> make_watch(const estimation::Manifest& manifest, const Take& take,
-                                        const rig::RigFile& rig_file) {
-  if (!take.repeated) return nullptr;
-  return std::make_unique<MotionWatch>(manifest, *take.repeated, take.plan.exposures.size(),
-                                       static_cast<std::size_t>(take.plan.slot_count()),
-                                       rig_file.sequence.is_shuffled);
-}
-
 // Beside the frames, whatever became of the capture; a reader of sessions needs none of it.
 void note_motion(const estimation::MotionReport& report, int pattern, CaptureResult& result) {
   result.motion = report.text;
@@ -88,14 +76,43 @@ void note_motion(const estimation::MotionReport& report, int pattern, CaptureRes
     result.notes.push_back("motion not stored: " + written.error().text());
 }
 
+void add_maps(const estimation::Result<estimation::SessionEstimate>& estimated,
+              const estimation::Manifest& manifest, CaptureResult& result) {
+  if (!estimated) {
+    result.exit_code = ExitCode::kFailed;
+    result.message += "; no maps: " + estimated.error().text();
+    return;
+  }
+  result.notes.insert(result.notes.end(), estimated->notes.begin(), estimated->notes.end());
+  const auto pictures = write_results(*estimated, manifest, result.session, result.session / "maps",
+                                      result.session / "report");
+  if (!pictures) {
+    result.exit_code = capture::exit_code_of(pictures.error());
+    result.message += "; maps not stored: " + pictures.error().text();
+    return;
+  }
+  for (const auto& picture : *pictures)
+    result.pictures.push_back(picture.lexically_relative(result.session).string());
+}
+
+// Told of a failure where the session stays as it is.
+CaptureResult unfinished(const std::filesystem::path& session, ExitCode exit_code,
+                         std::string message) {
+  CaptureResult result = refusal(exit_code, std::move(message));
+  result.session = session;
+  result.state = SessionState::kInterrupted;
+  return result;
+}
+
 }  // namespace
 
 CaptureJob::CaptureJob(const rig::RigFile& rig_file, CaptureOptions options, Plan plan,
-                       estimation::Manifest manifest)
+                       estimation::Manifest manifest, std::optional<Resumption> resumption)
     : rig_file_(rig_file),
       options_(std::move(options)),
       plan_(std::move(plan)),
-      manifest_(std::move(manifest)) {}
+      manifest_(std::move(manifest)),
+      resumption_(std::move(resumption)) {}
 
 tl::expected<CaptureJob, CaptureResult> CaptureJob::prepare(const rig::RigFile& rig_file,
                                                             const CaptureOptions& options) {
@@ -106,20 +123,103 @@ tl::expected<CaptureJob, CaptureResult> CaptureJob::prepare(const rig::RigFile& 
   if (!plan) return tl::unexpected(refusal(ExitCode::kUsage, plan.error().detail));
   auto manifest = plan_manifest(rig_file, *plan, {options.subject, options.created});
   if (!manifest) return tl::unexpected(refusal(ExitCode::kUsage, manifest.error().text()));
-  if (const auto storage = check_storage(options.directory, needed_bytes(*manifest)); !storage)
-    return tl::unexpected(refusal(ExitCode::kStorage, storage.error().text()));
-  return CaptureJob(rig_file, options, std::move(*plan), std::move(*manifest));
+  std::optional<Resumption> resumption;
+  if (!options.resume.empty()) {
+    auto prepared = prepare_resumption(rig_file, *plan, *manifest, options.resume);
+    if (!prepared) return tl::unexpected(refusal(ExitCode::kUsage, prepared.error().text()));
+    resumption = std::move(*prepared);
+  }
+  const auto storage = resumption
+                           ? check_storage(resumption->session, needed_bytes(resumption->lacking()))
+                           : check_storage(options.directory, needed_bytes(*manifest));
+  if (!storage) return tl::unexpected(refusal(ExitCode::kStorage, storage.error().text()));
+  return CaptureJob(rig_file, options, std::move(*plan), std::move(*manifest),
+                    std::move(resumption));
+}
+
+estimation::Result<std::unique_ptr<SessionWriter>> CaptureJob::open_session() const {
+  if (!resumption_)
+    return SessionWriter::create(options_.directory, manifest_, rig_file_.calibration_file);
+  return SessionWriter::go_on(resumption_->session, resumption_->manifest, resumption_->is_good);
+}
+
+// What is to be shown; of a take that is resumed, what it lacks.
+Take CaptureJob::make_own_take() const {
+  // Calibrations take frames alone, of what does not breathe.
+  const int repeat_every =
+      options_.product == CaptureProduct::kMaps ? rig_file_.sequence.repeat_every : 0;
+  if (!resumption_) return make_take(plan_, repeat_every);
+  return make_take(plan_, resumption_->is_open(),
+                   resumption_->known_pattern(plan_).value_or(plan_.order.front()), repeat_every);
+}
+
+// nullptr: nothing is repeated.
+std::unique_ptr<MotionWatch> CaptureJob::make_watch(const Take& take, bool is_shuffled) const {
+  if (!take.repeated) return nullptr;
+  const std::size_t bracket_count = plan_.exposures.size();
+  const bool is_known = resumption_ && good_bracket_count(*resumption_, *take.repeated) > 0;
+  const std::size_t known_count =
+      is_known ? good_bracket_count(*resumption_, *take.repeated) : bracket_count;
+  return std::make_unique<MotionWatch>(
+      manifest_, *take.repeated, known_count,
+      static_cast<std::size_t>(take.plan.slot_count()) + bracket_count, is_shuffled);
+}
+
+// Has rig or subject moved since the take was interrupted? Nullopt: no, and `repeats` has the
+// comparison; or there is nothing to compare with.
+std::optional<CaptureResult> CaptureJob::check_nothing_moved(
+    Devices devices, const std::stop_token& stop, SessionWriter& writer, ProgressTeller& teller,
+    std::vector<estimation::Repeat>& repeats) const {
+  const auto known = resumption_->known_pattern(plan_);
+  if (!known || resumption_->good_count() == plan_.slot_count()) return std::nullopt;
+  const Take check = make_repeat(plan_, *known);
+  // A step between two halves of a sweep costs what drift in order does.
+  const auto watch = make_watch(check, false);
+  const auto& session = resumption_->session;
+  if (const auto shown = show_first(*resumption_, *known, *watch); !shown)
+    return unfinished(session, ExitCode::kFailed, shown.error().text());
+  writer.journal(resume_line(resumption_->good_count(), check));
+  const RunResult run =
+      run_take(devices, rig_file_, check, {writer, nullptr, watch.get()}, stop, teller);
+  if (run.outcome != Outcome::kComplete)
+    return unfinished(session, exit_code_of(run),
+                      run.outcome == Outcome::kAborted
+                          ? "aborted; the take is as it was"
+                          : "the take is as it was: " + run.failure->text);
+  estimation::MotionReport report = watch->finish();
+  if (report.verdict == estimation::MotionVerdict::kGood ||
+      report.verdict == estimation::MotionVerdict::kUsable) {
+    repeats = std::move(report.repeats);
+    return std::nullopt;
+  }
+  std::string text = "the take cannot be finished, for things are no longer as they were: ";
+  for (std::size_t i = 0; i < report.reasons.size(); ++i)
+    text.append(i == 0 ? "" : "; ").append(report.reasons[i]);
+  writer.journal(refusal_line(text));
+  CaptureResult result =
+      unfinished(session, ExitCode::kIncomplete, text + "; put them back, or capture anew");
+  result.motion = report.text;
+  return result;
 }
 
 CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
                               const OnProgress& on_progress) const {
-  auto writer = SessionWriter::create(options_.directory, manifest_, rig_file_.calibration_file);
+  auto writer = open_session();
   if (!writer) return refusal(ExitCode::kStorage, writer.error().text());
+  const int good_count = resumption_ ? resumption_->good_count() : 0;
+  ProgressTeller teller(good_count, plan_.slot_count(), on_progress);
+  std::vector<estimation::Repeat> repeats;
+  if (resumption_) {
+    if (auto moved = check_nothing_moved(devices, stop, **writer, teller, repeats))
+      return std::move(*moved);
+    if (const auto aside = set_damaged_aside(*resumption_); !aside)
+      return unfinished(resumption_->session, ExitCode::kStorage, aside.error().text());
+  }
   CaptureResult result;
   result.session = (*writer)->folder();
   const estimation::Manifest manifest = (*writer)->manifest();
-  std::unique_ptr<LiveEstimate> estimate;
-  if (options_.product == CaptureProduct::kMaps) {
+  std::unique_ptr<LiveEstimate> estimate;  // of a resumed take the maps come from the disk
+  if (options_.product == CaptureProduct::kMaps && !resumption_) {
     auto started = LiveEstimate::start(manifest, result.session, options_.estimator);
     if (!started) {
       result.message = started.error().text();
@@ -131,42 +231,46 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
     }
     estimate = *std::move(started);
   }
+  take_frames(devices, stop, **writer, estimate.get(), std::move(repeats), teller, result);
+  if (result.state != SessionState::kComplete || options_.product != CaptureProduct::kMaps)
+    return result;
+  teller.tell_estimating(result.motion);
+  add_maps(estimate ? estimate->finish()
+                    : estimation::estimate_session(result.session, options_.estimator),
+           manifest, result);
+  return result;
+}
 
-  const Take take = take_of(plan_, rig_file_, options_.product);
-  const auto watch = make_watch(manifest, take, rig_file_);
-  ProgressTeller teller(0, plan_.slot_count(), on_progress);
-  const RunResult run =
-      run_take(devices, rig_file_, take, {**writer, estimate.get(), watch.get()}, stop, teller);
+// Fills the slots that are open and ends the session as complete, failed or aborted.
+void CaptureJob::take_frames(Devices devices, const std::stop_token& stop, SessionWriter& writer,
+                             LiveEstimate* estimate, std::vector<estimation::Repeat> repeats,
+                             ProgressTeller& teller, CaptureResult& result) const {
+  const Take take = make_own_take();
+  writer.journal(resumption_ ? resume_line(resumption_->good_count(), take)
+                             : begin_line(rig_file_, plan_, take));
+  const auto watch = make_watch(take, rig_file_.sequence.is_shuffled);
+  if (watch) {
+    for (estimation::Repeat& repeat : repeats) watch->know(std::move(repeat));
+    if (resumption_)
+      if (const auto shown = show_first(*resumption_, *take.repeated, *watch); !shown)
+        result.notes.push_back("motion was not watched: " + shown.error().text());
+  }
+  RunResult run;
+  run.outcome = Outcome::kComplete;  // where nothing is open: killed before its manifest
+  if (take.open_slot_count() > 0)
+    run = run_take(devices, rig_file_, take, {writer, estimate, watch.get()}, stop, teller);
   result.state = state_of(run.outcome);
   result.exit_code = exit_code_of(run);
   result.message = summary(run, plan_.slot_count());
+  if (resumption_ && run.outcome == Outcome::kComplete)
+    result.message +=
+        ", " + std::to_string(resumption_->good_count()) + " of them before the interruption";
   if (watch) note_motion(watch->finish(), *take.repeated, result);
-  const auto stored = (*writer)->finish(result.state, describe(run.failure, take));
-  if (!stored) {
-    result.state = SessionState::kFailed;
-    result.exit_code = ExitCode::kStorage;
-    result.message = stored.error().text();
-  }
-  if (result.state != SessionState::kComplete || !estimate) return result;
-
-  teller.tell_estimating(result.motion);
-  const auto estimated = estimate->finish();
-  if (!estimated) {
-    result.exit_code = ExitCode::kFailed;
-    result.message += "; no maps: " + estimated.error().text();
-    return result;
-  }
-  result.notes.insert(result.notes.end(), estimated->notes.begin(), estimated->notes.end());
-  const auto pictures = write_results(*estimated, manifest, result.session, result.session / "maps",
-                                      result.session / "report");
-  if (!pictures) {
-    result.exit_code = capture::exit_code_of(pictures.error());
-    result.message += "; maps not stored: " + pictures.error().text();
-    return result;
-  }
-  for (const auto& picture : *pictures)
-    result.pictures.push_back(picture.lexically_relative(result.session).string());
-  return result;
+  const auto stored = writer.finish(result.state, describe(run.failure, take));
+  if (stored) return;
+  result.state = SessionState::kFailed;
+  result.exit_code = ExitCode::kStorage;
+  result.message = stored.error().text();
 }
 
 }  // namespace capture

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <stop_token>
 #include <string>
@@ -12,6 +13,7 @@
 
 #include "capture/exit_code.h"
 #include "capture/plan.h"
+#include "capture/resumption.h"
 #include "capture/runner.h"
 #include "capture/take_run.h"
 #include "estimation/estimator.h"
@@ -29,6 +31,8 @@ struct CaptureOptions {
   CaptureProduct product = CaptureProduct::kMaps;
   std::string subject;
   std::filesystem::path directory = "sessions";
+  // A session that was interrupted, to be finished: then subject, directory and name are its own.
+  std::filesystem::path resume;
   std::chrono::system_clock::time_point created;  // names the session
   estimation::EstimatorOptions estimator;
 };
@@ -47,22 +51,36 @@ struct CaptureResult {
 class CaptureJob {
  public:
   // Everything that can be wrong before a device is needed: plan, calibration, options, storage.
-  // Errors: a result with kUsage or kStorage; nothing was written but the directory.
+  // Errors: a result with kUsage or kStorage; nothing was written but the directory. To resume,
+  // every frame on the disk is read, and the take's settings are held against the rig file's.
   static tl::expected<CaptureJob, CaptureResult> prepare(const rig::RigFile& rig_file,
                                                          const CaptureOptions& options);
 
   // On the session thread, devices open. `stop` aborts the capture; maps under way are finished.
+  // A resumed take first shows a pattern that it has again: if it moved further than a map could
+  // bear, the result is kIncomplete and says by how much, and nothing of the take has changed but
+  // its journal.
   CaptureResult run(Devices devices, const std::stop_token& stop,
                     const OnProgress& on_progress) const;
 
  private:
   CaptureJob(const rig::RigFile& rig_file, CaptureOptions options, Plan plan,
-             estimation::Manifest manifest);
+             estimation::Manifest manifest, std::optional<Resumption> resumption);
+  estimation::Result<std::unique_ptr<SessionWriter>> open_session() const;
+  Take make_own_take() const;
+  std::unique_ptr<MotionWatch> make_watch(const Take& take, bool is_shuffled) const;
+  std::optional<CaptureResult> check_nothing_moved(Devices devices, const std::stop_token& stop,
+                                                   SessionWriter& writer, ProgressTeller& teller,
+                                                   std::vector<estimation::Repeat>& repeats) const;
+  void take_frames(Devices devices, const std::stop_token& stop, SessionWriter& writer,
+                   LiveEstimate* estimate, std::vector<estimation::Repeat> repeats,
+                   ProgressTeller& teller, CaptureResult& result) const;
 
   rig::RigFile rig_file_;
   CaptureOptions options_;
   Plan plan_;
   estimation::Manifest manifest_;
+  std::optional<Resumption> resumption_;
 };
 
 }  // namespace capture

@@ -47,7 +47,56 @@ void describe(const TimePassed&, Json&) {}
 void describe(const AbortRequested&, Json&) {}
 void describe(const Armed&, Json&) {}
 
+Json positions_of_repeats(const Take& take) {
+  Json positions = Json::array();
+  for (std::size_t i = 0; i < take.entries.size(); ++i)
+    if (take.entries[i].is_repeat) positions.push_back(i);
+  return positions;
+}
+
+// Names and devices' texts may hold any bytes: replace what is not UTF-8 rather than throw.
+std::string as_line(const Json& line) {
+  return line.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
 }  // namespace
+
+std::map<std::string, std::string> journalled_settings(const rig::RigFile& rig_file) {
+  const auto in_us = [](std::chrono::microseconds time) { return std::to_string(time.count()); };
+  return {
+      {"camera.serial", rig_file.camera.serial},
+      {"camera.bracketing",
+       rig_file.camera.bracketing == rig::Bracketing::kSequencer ? "sequencer" : "trigger_width"},
+      {"projector.monitor", rig_file.projector.monitor},
+      {"trigger.delay_rise_us", in_us(rig_file.trigger.delay_rise)},
+      {"trigger.delay_fall_us", in_us(rig_file.trigger.delay_fall)},
+      {"trigger.gap_us", in_us(rig_file.trigger.gap)}};
+}
+
+std::string begin_line(const rig::RigFile& rig_file, const Plan& session_plan, const Take& take) {
+  Json line{{"event", "take begun"},
+            {"order", session_plan.order},
+            {"repeats", positions_of_repeats(take)},
+            {"settings", journalled_settings(rig_file)}};
+  for (const auto exposure : session_plan.exposures)
+    line["exposures_us"].push_back(exposure.count());
+  return as_line(line);
+}
+
+std::string resume_line(int good_count, const Take& take) {
+  Json line{{"event", "take resumed"},
+            {"good_slots", good_count},
+            {"open_slots", take.open_slot_count()},
+            {"repeats", positions_of_repeats(take)},
+            {"patterns", Json::array()}};
+  // The run's positions are its own: here is what they stand for.
+  for (const TakeEntry& entry : take.entries) line["patterns"].push_back(entry.pattern);
+  return as_line(line);
+}
+
+std::string refusal_line(const std::string& text) {
+  return as_line({{"event", "resume refused"}, {"detail", text}});
+}
 
 std::string journal_line(const Transition& transition, rig::HostTime start) {
   const SequenceState& state = transition.state;
@@ -66,8 +115,7 @@ std::string journal_line(const Transition& transition, rig::HostTime start) {
                                 {"bracket", reacted.finding.bracket},
                                 {"detail", reacted.finding.detail},
                                 {"reaction", to_string(reacted.reaction)}});
-  // Device text may hold any bytes: replace what is not UTF-8 rather than throw.
-  return line.dump(-1, ' ', false, Json::error_handler_t::replace);
+  return as_line(line);
 }
 
 }  // namespace capture

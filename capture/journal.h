@@ -1,11 +1,27 @@
-// The journal's line for one step of the sequence.
+// The journal's lines: how a take was begun, and one for each step of the sequence.
 #pragma once
 
+#include <map>
 #include <string>
 
 #include "capture/runner.h"
+#include "capture/take.h"
+#include "rig/rig_file.h"
 
 namespace capture {
+
+// What shapes a frame, or the order of frames, and is not in the manifest; by the rig file's names.
+std::map<std::string, std::string> journalled_settings(const rig::RigFile& rig_file);
+
+// The first line: the slots and the order of projection of the session's patterns, the settings,
+// and which positions of the run are repeats. capture/stored_take.h reads it.
+std::string begin_line(const rig::RigFile& rig_file, const Plan& session_plan, const Take& take);
+
+// A take that was interrupted goes on.
+std::string resume_line(int good_count, const Take& take);
+
+// It does not, and why.
+std::string refusal_line(const std::string& text);
 
 // One JSON object: time since `start`, event, phases, pattern, and what was found and done.
 std::string journal_line(const Transition& transition, rig::HostTime start);

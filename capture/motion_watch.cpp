@@ -1,5 +1,6 @@
 #include "capture/motion_watch.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "estimation/base/check.h"
@@ -54,6 +55,8 @@ void MotionWatch::add_repeat(int repeat, const CapturedFrame& frame) {
       Item{repeat, frame.slot.bracket, frame.evidence.edge, frame.frame, {}}));
 }
 
+void MotionWatch::know(estimation::Repeat repeat) { known_.push_back(std::move(repeat)); }
+
 void MotionWatch::run() {
   while (const auto item = queue_.pop()) {
     if (!(*item)->repeat) {
@@ -99,7 +102,8 @@ void MotionWatch::choose_bracket() {
 void MotionWatch::compare(int repeat, const Item& item) {
   const Item& first = *firsts_.at(*bracket_);
   estimation::Repeat& told = repeats_[repeat];
-  told.elapsed_s = std::chrono::duration<double>(item.edge - first.edge).count();
+  // Frames from before the computer was started anew have a clock of their own.
+  told.elapsed_s = std::max(0.0, std::chrono::duration<double>(item.edge - first.edge).count());
   with_samples(first, [&](estimation::ImageView<const std::uint16_t> before) {
     with_samples(item, [&](estimation::ImageView<const std::uint16_t> after) {
       const auto change = estimation::measure_change(camera_, before, after);
@@ -114,7 +118,7 @@ void MotionWatch::compare(int repeat, const Item& item) {
 estimation::MotionReport MotionWatch::finish() {
   queue_.close();
   thread_.join();
-  std::vector<estimation::Repeat> repeats;
+  std::vector<estimation::Repeat> repeats = std::move(known_);
   for (auto& [number, repeat] : repeats_) repeats.push_back(std::move(repeat));
   return estimation::judge_motion(std::move(repeats), scale_, rules_);
 }

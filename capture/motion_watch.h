@@ -32,7 +32,9 @@ class MotionWatch {
   // A frame of the first showing: just taken, or read back from the disk.
   void add_first(const CapturedFrame& frame);
   void add_first(int bracket, rig::HostTime edge, estimation::Image<std::uint16_t> dn);
-  // A frame of a repeat; `repeat` is its number, whatever the order.
+  // A repeat that was compared before, ahead of all others; before any frame.
+  void know(estimation::Repeat repeat);
+  // A frame of a repeat; `repeat` is its number from 1 on, whatever the order.
   void add_repeat(int repeat, const CapturedFrame& frame);
 
   // Waits for the frames on their way, then judges. Once. Repeats whose frames did not come, and
@@ -59,6 +61,7 @@ class MotionWatch {
   const estimation::MotionScale scale_;
   const estimation::MotionRules rules_;
   const std::size_t bracket_count_;
+  std::vector<estimation::Repeat> known_;
   // The watch thread's until it has ended.
   std::map<int, std::shared_ptr<const Item>> firsts_;  // by bracket
   std::optional<int> bracket_;                         // that is compared

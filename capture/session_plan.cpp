@@ -137,6 +137,16 @@ Result<Manifest> plan_manifest(const rig::RigFile& rig_file, const Plan& plan,
   return manifest;
 }
 
+std::vector<std::string*> auxiliary_files(estimation::Calibration& calibration) {
+  std::vector<std::string*> files;
+  if (calibration.irradiance && calibration.irradiance->vignetting_file)
+    files.push_back(&*calibration.irradiance->vignetting_file);
+  if (calibration.stripe_transfer)
+    if (auto* transfer = std::get_if<estimation::TransferFile>(&*calibration.stripe_transfer))
+      files.push_back(&transfer->file);
+  return files;
+}
+
 std::string folder_name(const SessionInfo& info) {
   std::string name = file_stamp(info.created);
   std::string subject;

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "capture/plan.h"
 #include "estimation/session/error.h"
@@ -23,6 +24,10 @@ struct SessionInfo {
 // the calibration's.
 estimation::Result<estimation::Manifest> plan_manifest(const rig::RigFile& rig_file,
                                                        const Plan& plan, const SessionInfo& info);
+
+// The names of the files that a calibration refers to, relative to itself; a session has copies in
+// its folder calibration/.
+std::vector<std::string*> auxiliary_files(estimation::Calibration& calibration);
 
 // "20260131-142501-anna": date and time in UTC, and what of the subject can be a file name.
 std::string folder_name(const SessionInfo& info);

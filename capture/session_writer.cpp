@@ -1,6 +1,7 @@
 #include "capture/session_writer.h"
 
 #include <fcntl.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -11,6 +12,7 @@
 #include <tuple>
 #include <utility>
 
+#include "capture/session_plan.h"
 #include "estimation/session/frame_io.h"
 #include "nlohmann/json.hpp"
 
@@ -78,17 +80,6 @@ Result<fs::path> make_folder(const fs::path& directory, const std::string& name)
   return unwritable(directory / name, "every name for the session is taken");
 }
 
-// The files that a calibration refers to, relative to itself.
-std::vector<std::string*> auxiliary_files(estimation::Calibration& calibration) {
-  std::vector<std::string*> files;
-  if (calibration.irradiance && calibration.irradiance->vignetting_file)
-    files.push_back(&*calibration.irradiance->vignetting_file);
-  if (calibration.stripe_transfer)
-    if (auto* transfer = std::get_if<estimation::TransferFile>(&*calibration.stripe_transfer))
-      files.push_back(&transfer->file);
-  return files;
-}
-
 // They come along, and the manifest names the copies.
 Result<void> copy_auxiliary_files(const fs::path& folder, const fs::path& calibration_file,
                                   Manifest& manifest) {
@@ -133,6 +124,8 @@ Result<std::unique_ptr<SessionWriter>> SessionWriter::create(const fs::path& dir
     const int file =
         ::open(journal.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666);
     if (file < 0) return unwritable(journal, std::strerror(errno));
+    // A file system without locks: then an interrupted take is not told from one under way.
+    std::ignore = ::flock(file, LOCK_EX | LOCK_NB);
     return Files{Descriptor(file), Descriptor(reserve_room(*folder, plan))};
   };
   auto files = begin();
@@ -141,14 +134,35 @@ Result<std::unique_ptr<SessionWriter>> SessionWriter::create(const fs::path& dir
     fs::remove_all(*folder, ignored);
     return tl::unexpected(files.error());
   }
+  std::vector<bool> is_stored(plan.frames.size(), false);
   return std::unique_ptr<SessionWriter>(
-      new SessionWriter(*folder, std::move(plan), std::move(*files)));
+      new SessionWriter(*folder, std::move(plan), std::move(is_stored), std::move(*files)));
 }
 
-SessionWriter::SessionWriter(fs::path folder, Manifest plan, Files files)
+Result<std::unique_ptr<SessionWriter>> SessionWriter::go_on(const fs::path& folder, Manifest plan,
+                                                            std::vector<bool> is_stored) {
+  const fs::path path = folder / "journal.jsonl";
+  Descriptor journal(::open(path.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666));
+  if (!journal.is_open()) return unwritable(path, std::strerror(errno));
+  if (::flock(journal.number(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
+    return tl::unexpected(InputError{InputFault::kUnwritable, folder.string(), "",
+                                     "another ssrig is capturing into it; let that one end"});
+  // A power cut may have left half a line; what follows starts on its own.
+  char last = '\n';
+  const off_t end = ::lseek(journal.number(), 0, SEEK_END);
+  if (end > 0) std::ignore = ::pread(journal.number(), &last, 1, end - 1);
+  if (last != '\n' && !write_all(journal.number(), "\n"))
+    return unwritable(path, std::strerror(errno));
+  Files files{std::move(journal), Descriptor(reserve_room(folder, plan))};
+  return std::unique_ptr<SessionWriter>(
+      new SessionWriter(folder, std::move(plan), std::move(is_stored), std::move(files)));
+}
+
+SessionWriter::SessionWriter(fs::path folder, Manifest plan, std::vector<bool> is_stored,
+                             Files files)
     : folder_(std::move(folder)),
       manifest_(std::move(plan)),
-      is_stored_(manifest_.frames.size(), false),
+      is_stored_(std::move(is_stored)),
       files_(std::move(files)),
       queue_(manifest_.frames.size() + kJournalRoom),
       thread_([this] { run(); }) {}
@@ -185,21 +199,22 @@ std::size_t SessionWriter::slot_index(SlotId slot) const {
 void SessionWriter::store(const CapturedFrame& frame) {
   const std::size_t index = slot_index(frame.slot);
   estimation::FrameRecord& record = manifest_.frames[index];
-  const auto hash = store_pixels(frame, record.file);
-  if (!hash) return set_fault(hash.error());
+  const auto stored = store_pixels(frame, record.file);
+  if (!stored) return set_fault(stored.error());
   const auto in_ns = [](auto time) {
     return std::chrono::duration_cast<std::chrono::nanoseconds>(time.time_since_epoch()).count();
   };
   record.frame_id = frame.evidence.block_id;
   record.camera_timestamp_ns = in_ns(frame.evidence.camera_timestamp);
   record.edge_timestamp_ns = in_ns(frame.evidence.edge);
-  record.sha256 = *hash;
+  record.sha256 = stored->sha256;
   is_stored_[index] = true;
   store(nlohmann::json{{"event", "frame stored"},
                        {"pattern", frame.slot.pattern},
                        {"bracket", frame.slot.bracket},
                        {"exposure_us", record.exposure_us},
                        {"file", record.file},
+                       {"byte_count", stored->byte_count},
                        {"frame_id", *record.frame_id},
                        {"camera_timestamp_ns", *record.camera_timestamp_ns},
                        {"edge_timestamp_ns", *record.edge_timestamp_ns},
@@ -207,15 +222,15 @@ void SessionWriter::store(const CapturedFrame& frame) {
             .dump());
 }
 
-Result<std::string> SessionWriter::store_pixels(const CapturedFrame& frame,
-                                                const std::string& file) {
+Result<SessionWriter::StoredFile> SessionWriter::store_pixels(const CapturedFrame& frame,
+                                                              const std::string& file) {
   const FrameSamples samples(*frame.frame);
   const auto tiff =
       estimation::encode_frame_tiff(samples.view(), manifest_.camera.pixel_format.bit_depth);
   if (!tiff) return tl::unexpected(tiff.error());
   if (const auto written = estimation::write_file_atomically(folder_ / file, *tiff); !written)
     return tl::unexpected(written.error());
-  return estimation::sha256_hex(*tiff);
+  return StoredFile{estimation::sha256_hex(*tiff), tiff->size()};
 }
 
 void SessionWriter::store(const std::string& line) {

@@ -21,7 +21,8 @@ namespace capture {
 
 // Calls come from the session thread; frames and journal lines are written by a thread of its own.
 // Frames never wait in vain: the queue has room for every slot of the plan, and what was taken is
-// written even when the capture is aborted. Each frame file is whole or absent.
+// written even when the capture is aborted. Each frame file is whole or absent. While one exists,
+// the journal is locked (flock): is_under_way() in capture/stored_take.h sees it.
 class SessionWriter {
  public:
   // Makes a new folder in `directory`, never an existing one: with a name that is taken, "-2",
@@ -31,6 +32,12 @@ class SessionWriter {
   static estimation::Result<std::unique_ptr<SessionWriter>> create(
       const std::filesystem::path& directory, estimation::Manifest plan,
       const std::filesystem::path& calibration_file);
+  // Goes on with a session that is there: `plan` has a record for every slot, `is_stored` says
+  // which of them are on the disk already, with all that their records shall say. The journal goes
+  // on where it ended; nothing else is touched before the first write(). Errors: kUnwritable, also
+  // where another process has the session open.
+  static estimation::Result<std::unique_ptr<SessionWriter>> go_on(
+      const std::filesystem::path& folder, estimation::Manifest plan, std::vector<bool> is_stored);
   ~SessionWriter();
   SessionWriter(const SessionWriter&) = delete;
   SessionWriter& operator=(const SessionWriter&) = delete;
@@ -71,11 +78,16 @@ class SessionWriter {
   };
   using Job = std::variant<CapturedFrame, std::string>;
 
-  SessionWriter(std::filesystem::path folder, estimation::Manifest plan, Files files);
+  SessionWriter(std::filesystem::path folder, estimation::Manifest plan,
+                std::vector<bool> is_stored, Files files);
   void run();
   void store(const CapturedFrame& frame);
   void store(const std::string& line);
-  estimation::Result<std::string> store_pixels(const CapturedFrame& frame, const std::string& file);
+  struct StoredFile {
+    std::string sha256;
+    std::size_t byte_count = 0;
+  };
+  estimation::Result<StoredFile> store_pixels(const CapturedFrame& frame, const std::string& file);
   std::size_t slot_index(SlotId slot) const;
   void set_fault(estimation::InputError error);
 

@@ -72,4 +72,15 @@ Take make_take(const Plan& session_plan, int repeat_every) {
   return make_take(session_plan, all, session_plan.order.front(), repeat_every);
 }
 
+Take make_repeat(const Plan& session_plan, int pattern) {
+  Take take;
+  take.plan = {session_plan.name,
+               {{0, session_plan.patterns[static_cast<std::size_t>(pattern)].kind}},
+               {0},
+               session_plan.exposures};
+  take.entries = {{pattern, true, std::vector<bool>(session_plan.exposures.size(), false)}};
+  take.repeated = pattern;
+  return take;
+}
+
 }  // namespace capture

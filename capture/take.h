@@ -41,4 +41,7 @@ Take make_take(const Plan& session_plan, int repeat_every);
 Take make_take(const Plan& session_plan, const std::vector<bool>& is_open, int repeated,
                int repeat_every);
 
+// One showing of `pattern` as a repeat, and nothing else.
+Take make_repeat(const Plan& session_plan, int pattern);
+
 }  // namespace capture

@@ -21,7 +21,11 @@ class FrameFork final : public FrameConsumer {
     if (!slot) return;
     CapturedFrame own = frame;
     own.slot = *slot;
-    if (sinks_.watch != nullptr && take_.repeated == slot->pattern) sinks_.watch->add_first(own);
+    // A pattern that was there in part keeps the first showing that it had.
+    const bool is_first =
+        take_.repeated == slot->pattern &&
+        std::find(entry.is_open.begin(), entry.is_open.end(), false) == entry.is_open.end();
+    if (sinks_.watch != nullptr && is_first) sinks_.watch->add_first(own);
     sinks_.writer.write(own);
     if (sinks_.estimate != nullptr) sinks_.estimate->add(own);
   }
@@ -72,11 +76,6 @@ void ProgressTeller::tell(const Take& take, const SequenceState& state) {
       next.retake_count == progress_.retake_count)
     return;
   progress_ = next;
-  tell();
-}
-
-void ProgressTeller::tell_checking() {
-  progress_.text = "has anything moved?";
   tell();
 }
 

@@ -33,7 +33,6 @@ class ProgressTeller {
   // `slots_before`: filled when the take begins.
   ProgressTeller(int slots_before, int slots_total, const OnProgress& on_progress);
   void tell(const Take& take, const SequenceState& state);
-  void tell_checking();
   void tell_estimating(const std::string& motion);
 
  private:

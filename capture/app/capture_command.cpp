@@ -16,6 +16,7 @@
 #include "capture/capture_job.h"
 #include "capture/daemon/daemon_client.h"
 #include "capture/doctor/needs.h"
+#include "capture/interrupted_takes.h"
 #include "nlohmann/json.hpp"
 #include "rig/rig_file.h"
 
@@ -25,12 +26,15 @@ namespace {
 struct CaptureArguments {
   std::string rig_file;
   std::string directory;  // empty: the rig file's
+  std::string resume;     // a session; empty: a new one
   bool is_json = false;
   CaptureOptions options;
 };
 
 std::string describe(const CaptureProgress& progress) {
-  if (progress.phase == CaptureProgress::Phase::kEstimating) return progress.text;
+  if (progress.phase == CaptureProgress::Phase::kEstimating)
+    return progress.motion.empty() ? progress.text
+                                   : "motion: " + progress.motion + "; " + progress.text;
   std::string text = std::to_string(progress.slots_filled) + " of " +
                      std::to_string(progress.slots_total) + " slots, " + progress.text;
   if (progress.retake_count > 0) text += ", " + std::to_string(progress.retake_count) + " retaken";
@@ -43,12 +47,14 @@ void print(const CaptureResult& result, bool is_json) {
                               {"state", to_string(result.state)},
                               {"exit_code", static_cast<int>(result.exit_code)},
                               {"message", result.message},
+                              {"motion", result.motion},
                               {"pictures", result.pictures},
                               {"notes", result.notes}};
     std::printf("%s\n", json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
   } else if (!result.session.empty()) {
     std::printf("%s\n", result.session.c_str());
   }
+  if (!result.motion.empty()) std::fprintf(stderr, "motion: %s\n", result.motion.c_str());
   for (const std::string& note : result.notes) std::fprintf(stderr, "note: %s\n", note.c_str());
   if (result.exit_code == ExitCode::kDone)
     std::fprintf(stderr, "%s\n", result.message.c_str());
@@ -85,7 +91,8 @@ CaptureResult refusal(ExitCode exit_code, std::string message) {
 
 estimation::SessionState state_from(const std::string& word) {
   using estimation::SessionState;
-  for (const SessionState state : {SessionState::kComplete, SessionState::kAborted})
+  for (const SessionState state :
+       {SessionState::kComplete, SessionState::kAborted, SessionState::kInterrupted})
     if (to_string(state) == word) return state;
   return SessionState::kFailed;
 }
@@ -103,7 +110,11 @@ CaptureResult ask_daemon(DaemonClient& daemon, const CaptureArguments& arguments
   const std::string request_id = "cli-" + std::to_string(now.count());
   const std::string directory =
       arguments.directory.empty() ? "" : std::filesystem::absolute(arguments.directory).string();
-  const auto reply = daemon.request_capture(request_id, arguments.options.subject, directory);
+  const std::string resume = arguments.options.resume.empty()
+                                 ? ""
+                                 : std::filesystem::absolute(arguments.options.resume).string();
+  const auto reply =
+      daemon.request_capture({request_id, arguments.options.subject, directory, resume});
   if (!reply.is_accepted) return refusal(ExitCode::kDevice, reply.error);
   ProgressLine line;
   const auto show = [&line](const DaemonSnapshot& snapshot) {
@@ -113,7 +124,8 @@ CaptureResult ask_daemon(DaemonClient& daemon, const CaptureArguments& arguments
                         .slots_filled = snapshot.slots_filled,
                         .slots_total = snapshot.slots_total,
                         .retake_count = snapshot.retake_count,
-                        .text = snapshot.message}),
+                        .text = snapshot.message,
+                        .motion = snapshot.motion}),
               is_estimating);
   };
   const auto outcome = daemon.follow(request_id, show, stop);
@@ -124,12 +136,14 @@ CaptureResult ask_daemon(DaemonClient& daemon, const CaptureArguments& arguments
           .message = outcome->message,
           .session = outcome->session,
           .state = state_from(outcome->state),
+          .motion = outcome->motion,
           .pictures = outcome->pictures,
           .notes = outcome->notes};
 }
 
 CaptureResult capture_once(CaptureArguments arguments) {
   const Interrupts interrupts;
+  arguments.options.resume = arguments.resume;
   const auto rig_file = rig::read_rig_file(arguments.rig_file);
   if (!rig_file) return refusal(ExitCode::kUsage, rig_file.error().detail);
   const std::string rig_path = std::filesystem::weakly_canonical(rig_file->path).string();
@@ -138,6 +152,10 @@ CaptureResult capture_once(CaptureArguments arguments) {
   arguments.options.directory = rig_file->storage.directory;
   if (!arguments.directory.empty()) arguments.options.directory = arguments.directory;
   arguments.options.created = std::chrono::system_clock::now();
+  if (arguments.options.resume.empty())
+    for (const InterruptedTake& take : list_interrupted_takes(arguments.options.directory))
+      std::fprintf(stderr, "note: %s; finish it with: %s\n", take.text().c_str(),
+                   take.remedy(rig_file->path).c_str());
   const auto job = CaptureJob::prepare(*rig_file, arguments.options);
   if (!job) return job.error();
   std::vector<std::string> problems;
@@ -167,6 +185,11 @@ void add_capture_command(CLI::App& program, const Select& select) {
   command->add_option("--subject", arguments->options.subject, "who or what is photographed");
   command->add_option("--out", arguments->directory,
                       "where the session folder is made (default: as the rig file says)");
+  command
+      ->add_option("--resume", arguments->resume,
+                   "a session that was interrupted or failed, to be finished")
+      ->excludes("--subject")
+      ->excludes("--out");
   command->add_flag("--json", arguments->is_json, "the result as JSON");
   add_estimator_options(*command, arguments->options.estimator);
   command->callback([arguments, select] {

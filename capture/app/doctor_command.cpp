@@ -9,6 +9,7 @@
 #include "capture/app/console.h"
 #include "capture/doctor/doctor.h"
 #include "capture/doctor/needs.h"
+#include "capture/interrupted_takes.h"
 #include "capture/plan.h"
 #include "capture/session_plan.h"
 #include "nlohmann/json.hpp"
@@ -78,6 +79,8 @@ ExitCode diagnose(const DoctorArguments& arguments) {
   }
   std::vector<HostFinding> findings = examine(*rig_file, read_host(*rig_file), monitors(), *needs);
   findings.push_back(check_calibration(*rig_file));
+  for (const InterruptedTake& take : list_interrupted_takes(rig_file->storage.directory))
+    findings.push_back({Health::kWarning, "session", take.text(), take.remedy(rig_file->path)});
   if (arguments.is_json)
     print_json(arguments.rig_file, findings);
   else

@@ -15,6 +15,7 @@
 #include "capture/capture_job.h"
 #include "capture/daemon/http_server.h"
 #include "capture/doctor/needs.h"
+#include "capture/interrupted_takes.h"
 #include "rig/rig_file.h"
 
 namespace capture {
@@ -45,6 +46,7 @@ CaptureOutcome outcome_of(const CaptureRequest& request, const CaptureResult& re
       .state = estimation::to_string(result.state),
       .exit_code = static_cast<int>(result.exit_code),
       .message = result.message,
+      .motion = result.motion,
       .pictures = result.pictures,
       .notes = result.notes};
 }
@@ -78,6 +80,9 @@ class Daemon {
       return ExitCode::kDevice;
     }
     std::fprintf(stderr, "ssrig: open http://127.0.0.1:%d\n", (*server)->port());
+    for (const InterruptedTake& take : list_interrupted_takes(rig_file_.storage.directory))
+      std::fprintf(stderr, "note: %s; finish it with: %s\n", take.text().c_str(),
+                   take.remedy(rig_file_.path).c_str());
     while (rig) {
       const bool is_display_there = serve(*rig, stop);
       rig.reset();  // the devices are let go before they are opened again
@@ -88,6 +93,13 @@ class Daemon {
   }
 
  private:
+  std::vector<InterruptedSession> interrupted() const {
+    std::vector<InterruptedSession> sessions;
+    for (const InterruptedTake& take : list_interrupted_takes(rig_file_.storage.directory))
+      sessions.push_back({std::filesystem::absolute(take.session).string(), take.text()});
+    return sessions;
+  }
+
   // Until `stop`, or until a device is lost. False if it was the X server.
   bool serve(OpenRig& rig, const std::stop_token& stop) {
     board_.update([&](DaemonSnapshot& snapshot) {
@@ -95,6 +107,7 @@ class Daemon {
       snapshot.message = "Press capture.";
       snapshot.notes = host_warnings(rig_file_);
       snapshot.notes.insert(snapshot.notes.begin(), rig.projector().report().text);
+      snapshot.interrupted = interrupted();
     });
     std::stop_source is_over;
     const std::stop_callback ends(stop, [&] { is_over.request_stop(); });
@@ -134,12 +147,14 @@ class Daemon {
       snapshot.phase = DaemonPhase::kCapturing;
       snapshot.request_id = request.request_id;
       snapshot.slots_filled = snapshot.slots_total = snapshot.retake_count = 0;
+      snapshot.motion.clear();
       snapshot.message = "Starting.";
     });
     std::stop_source abort;
     const std::stop_callback on_abort(desk_.capture_stop(), [&] { abort.request_stop(); });
     const std::stop_callback on_end(daemon_stop, [&] { abort.request_stop(); });
     const CaptureResult result = do_capture(devices, request, abort.get_token());
+    if (!result.motion.empty()) std::fprintf(stderr, "motion: %s\n", result.motion.c_str());
     for (const std::string& note : result.notes) std::fprintf(stderr, "note: %s\n", note.c_str());
     if (result.exit_code != ExitCode::kDone) complain(result.message);
 
@@ -150,6 +165,7 @@ class Daemon {
       snapshot.message = is_lost ? result.message : "Press capture.";
       snapshot.request_id.clear();
       snapshot.last = outcome_of(request, result);
+      snapshot.interrupted = interrupted();
     });
     return result.exit_code;
   }
@@ -161,6 +177,7 @@ class Daemon {
                                  .directory = request.directory.empty()
                                                   ? rig_file_.storage.directory
                                                   : std::filesystem::path(request.directory),
+                                 .resume = request.resume,
                                  .created = std::chrono::system_clock::now(),
                                  .estimator = estimator_};
     const auto job = CaptureJob::prepare(rig_file_, options);
@@ -179,6 +196,7 @@ class Daemon {
       snapshot.slots_total = progress.slots_total;
       snapshot.retake_count = progress.retake_count;
       snapshot.message = progress.text;
+      snapshot.motion = progress.motion;
     });
   }
 
@@ -219,6 +237,7 @@ ExitCode serve(const ServeArguments& arguments) {
   const CaptureOptions trial{.plan = "paper",
                              .subject = {},
                              .directory = rig_file->storage.directory,
+                             .resume = {},
                              .created = std::chrono::system_clock::now(),
                              .estimator = arguments.estimator};
   if (const auto job = CaptureJob::prepare(*rig_file, trial); !job) {

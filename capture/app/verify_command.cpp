@@ -5,6 +5,7 @@
 
 #include "capture/app/commands.h"
 #include "capture/app/console.h"
+#include "capture/interrupted_takes.h"
 #include "estimation/session/verify.h"
 #include "nlohmann/json.hpp"
 
@@ -34,11 +35,13 @@ void print_text(const estimation::VerifyReport& report) {
 }
 
 ExitCode verify(const VerifyArguments& arguments) {
-  const auto report = estimation::verify_session(arguments.session);
+  auto report = estimation::verify_session(arguments.session);
   if (!report) {
     complain(report.error().text());
     return ExitCode::kFailed;
   }
+  if (const auto take = find_interruption(arguments.session))
+    report->notes.push_back(take->text() + "; finish it with: " + take->remedy("RIG_FILE"));
   if (arguments.is_json)
     print_json(*report);
   else

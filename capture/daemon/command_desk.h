@@ -16,8 +16,9 @@ namespace capture {
 
 struct CaptureRequest {
   std::string request_id;  // chosen by the client: the same id is the same request
-  std::string subject;
-  std::string directory;  // absolute; empty: the rig file's
+  std::string subject{};
+  std::string directory{};  // absolute; empty: the rig file's
+  std::string resume{};     // absolute: a session to be finished, in place of a new one; else empty
 };
 
 enum class Answer {

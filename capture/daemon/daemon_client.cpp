@@ -61,11 +61,11 @@ DaemonClient::Reply DaemonClient::post(const std::string& path, const std::strin
                                   : "the daemon answered " + std::to_string(response->status)};
 }
 
-DaemonClient::Reply DaemonClient::request_capture(const std::string& request_id,
-                                                  const std::string& subject,
-                                                  const std::string& directory) {
-  const nlohmann::json body{
-      {"request_id", request_id}, {"subject", subject}, {"directory", directory}};
+DaemonClient::Reply DaemonClient::request_capture(const CaptureRequest& request) {
+  const nlohmann::json body{{"request_id", request.request_id},
+                            {"subject", request.subject},
+                            {"directory", request.directory},
+                            {"resume", request.resume}};
   return post("/api/capture", body.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 

@@ -7,6 +7,7 @@
 #include <stop_token>
 #include <string>
 
+#include "capture/daemon/command_desk.h"
 #include "capture/daemon/state_board.h"
 
 namespace capture {
@@ -22,8 +23,7 @@ class DaemonClient {
     bool is_accepted = false;
     std::string error;  // the daemon's sentence, or why it could not be reached
   };
-  Reply request_capture(const std::string& request_id, const std::string& subject,
-                        const std::string& directory);
+  Reply request_capture(const CaptureRequest& request);
   Reply request_abort(const std::string& request_id);
 
   // Follows the capture `request_id` until it has ended and returns how. On stop it asks the daemon

@@ -22,9 +22,10 @@ std::string text_member(const nlohmann::json& body, const char* key) {
 
 // Why the member is refused; empty if it is not.
 std::string objection_to_member(const std::string& key, const nlohmann::json& value) {
-  if (key != "request_id" && key != "subject" && key != "directory")
-    return "unknown key \"" + key + "\"; known are request_id, subject and directory";
-  const std::size_t limit = key == "directory" ? kPathLimit : kTextLimit;
+  if (key != "request_id" && key != "subject" && key != "directory" && key != "resume")
+    return "unknown key \"" + key + "\"; known are request_id, subject, directory and resume";
+  const bool is_path = key == "directory" || key == "resume";
+  const std::size_t limit = is_path ? kPathLimit : kTextLimit;
   if (!value.is_string() || value.get_ref<const std::string&>().size() > limit)
     return "\"" + key + "\" must be text of at most " + std::to_string(limit) + " bytes";
   return {};
@@ -55,9 +56,12 @@ tl::expected<CaptureRequest, RequestProblem> parse_command(std::string_view cont
       return refuse(objection);
   CaptureRequest request{.request_id = text_member(json, "request_id"),
                          .subject = text_member(json, "subject"),
-                         .directory = text_member(json, "directory")};
+                         .directory = text_member(json, "directory"),
+                         .resume = text_member(json, "resume")};
   if (!request.directory.empty() && !std::filesystem::path(request.directory).is_absolute())
     return refuse("\"directory\" must be an absolute path");
+  if (!request.resume.empty() && !std::filesystem::path(request.resume).is_absolute())
+    return refuse("\"resume\" must be an absolute path");
   return request;
 }
 

@@ -20,8 +20,9 @@ struct RequestProblem {
 // to (`host`) and whose page asks (`origin`; null where the request has no such header).
 bool is_own_origin(std::string_view host, const std::string* origin, int port);
 
-// The command of a POST; its request_id is never empty, its directory empty or absolute. Errors:
-// 415 unless the body is declared as JSON, 400 for any other body than the object of http_server.h.
+// The command of a POST; its request_id is never empty, its directory and resume empty or absolute.
+// Errors: 415 unless the body is declared as JSON, 400 for any other body than the object of
+// http_server.h.
 tl::expected<CaptureRequest, RequestProblem> parse_command(std::string_view content_type,
                                                            std::string_view body);
 

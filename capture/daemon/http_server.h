@@ -3,7 +3,8 @@
 //   GET  /api/state            the snapshot (state_board.h) as JSON
 //   GET  /api/events           Server-Sent Events: `state` on each change (id: revision),
 //   `heartbeat` each second POST /api/capture          {"request_id": "...", "subject": "...",
-//   "directory": "..."} -> 202; idempotent by request_id POST /api/abort            {"request_id":
+//   "directory": "...", "resume": "..."} -> 202; idempotent by request_id POST /api/abort
+//   {"request_id":
 //   "..."} -> 202; acts at once GET  /api/last/NAME        a quick-look picture of the last capture
 //   GET  /healthz, /readyz     the process is alive; a capture can be started
 // Errors are JSON {"error": "..."} with 400 (malformed), 403 (foreign Host or Origin), 404, 409

@@ -31,6 +31,15 @@ std::vector<std::string> texts(const nlohmann::json& json, const char* key) {
   return values;
 }
 
+std::vector<InterruptedSession> interrupted_sessions(const nlohmann::json& json) {
+  std::vector<InterruptedSession> sessions;
+  const auto found = json.find("interrupted");
+  if (found == json.end() || !found->is_array()) return sessions;
+  for (const nlohmann::json& each : *found)
+    if (each.is_object()) sessions.push_back({text(each, "session"), text(each, "text")});
+  return sessions;
+}
+
 DaemonPhase phase_from(const std::string& word) {
   for (const DaemonPhase phase :
        {DaemonPhase::kStarting, DaemonPhase::kReady, DaemonPhase::kCapturing,
@@ -69,16 +78,18 @@ std::string to_json(const DaemonSnapshot& snapshot) {
                                  {"slots_filled", snapshot.slots_filled},
                                  {"slots_total", snapshot.slots_total},
                                  {"retake_count", snapshot.retake_count},
+                                 {"motion", snapshot.motion},
                                  {"notes", snapshot.notes},
+                                 {"interrupted", nlohmann::ordered_json::array()},
                                  {"last", nullptr}};
+  for (const InterruptedSession& each : snapshot.interrupted)
+    json["interrupted"].push_back({{"session", each.session}, {"text", each.text}});
   if (snapshot.last) {
-    json["last"] = {{"request_id", snapshot.last->request_id},
-                    {"session", snapshot.last->session},
-                    {"state", snapshot.last->state},
-                    {"exit_code", snapshot.last->exit_code},
-                    {"message", snapshot.last->message},
-                    {"pictures", snapshot.last->pictures},
-                    {"notes", snapshot.last->notes}};
+    json["last"] = {
+        {"request_id", snapshot.last->request_id}, {"session", snapshot.last->session},
+        {"state", snapshot.last->state},           {"exit_code", snapshot.last->exit_code},
+        {"message", snapshot.last->message},       {"motion", snapshot.last->motion},
+        {"pictures", snapshot.last->pictures},     {"notes", snapshot.last->notes}};
   }
   // A camera's or a file's name may hold any bytes: replace what is not UTF-8 instead of throwing.
   return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
@@ -96,7 +107,9 @@ std::optional<DaemonSnapshot> parse_snapshot(std::string_view body) {
                           .slots_filled = number<int>(json, "slots_filled"),
                           .slots_total = number<int>(json, "slots_total"),
                           .retake_count = number<int>(json, "retake_count"),
+                          .motion = text(json, "motion"),
                           .notes = texts(json, "notes"),
+                          .interrupted = interrupted_sessions(json),
                           .last = std::nullopt};
   if (const auto last = json.find("last"); last != json.end() && last->is_object()) {
     snapshot.last = CaptureOutcome{.request_id = text(*last, "request_id"),
@@ -104,6 +117,7 @@ std::optional<DaemonSnapshot> parse_snapshot(std::string_view body) {
                                    .state = text(*last, "state"),
                                    .exit_code = number<int>(*last, "exit_code"),
                                    .message = text(*last, "message"),
+                                   .motion = text(*last, "motion"),
                                    .pictures = texts(*last, "pictures"),
                                    .notes = texts(*last, "notes")};
   }

@@ -32,8 +32,15 @@ struct CaptureOutcome {
   std::string state;    // "complete", "failed", "aborted"
   int exit_code = 0;    // of the table in architecture.md
   std::string message;
+  std::string motion{};               // has anything moved, one sentence; empty: not watched
   std::vector<std::string> pictures;  // quick-look files, relative to `session`
   std::vector<std::string> notes;     // what could not be computed, and why
+};
+
+// A take that a crash has left unfinished.
+struct InterruptedSession {
+  std::string session;  // absolute
+  std::string text;     // one sentence: what is there
 };
 
 struct DaemonSnapshot {
@@ -46,7 +53,9 @@ struct DaemonSnapshot {
   int slots_filled = 0;
   int slots_total = 0;
   int retake_count = 0;
+  std::string motion;              // of the capture under way, once it is known
   std::vector<std::string> notes;  // what the start-up checks found
+  std::vector<InterruptedSession> interrupted;
   std::optional<CaptureOutcome> last;
 };
 

@@ -237,7 +237,7 @@ TEST(DaemonClient, FindsTheDaemonOfItsRigFileOnly) {
 TEST(DaemonClient, FollowsACaptureToItsEnd) {
   Rig rig;
   const auto client = DaemonClient::find(rig.server->port(), "/rigs/a.toml");
-  ASSERT_TRUE(client->request_capture("a", "subject", "").is_accepted);
+  ASSERT_TRUE(client->request_capture({.request_id = "a", .subject = "subject"}).is_accepted);
   bool was_seen_capturing = false;
   const auto outcome = client->follow("a",
                                       [&](const DaemonSnapshot& snapshot) {
@@ -256,7 +256,7 @@ TEST(DaemonClient, FollowsACaptureToItsEnd) {
 TEST(DaemonClient, AStopAbortsTheCapture) {
   Rig rig;
   const auto client = DaemonClient::find(rig.server->port(), "/rigs/a.toml");
-  ASSERT_TRUE(client->request_capture("a", "", "").is_accepted);
+  ASSERT_TRUE(client->request_capture({.request_id = "a"}).is_accepted);
   std::stop_source stop;
   stop.request_stop();
   const auto outcome = client->follow(
