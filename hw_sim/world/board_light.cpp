@@ -49,9 +49,11 @@ std::vector<unsigned char> most_common_lines(const Image<unsigned char>& brightn
 
 }  // namespace
 
-BlurredPicture::BlurredPicture(const Image<unsigned char>& brightness, double least_blur_px,
-                               double greatest_blur_px)
+BlurredPicture::BlurredPicture(const Image<unsigned char>& brightness, double gamma,
+                               double least_blur_px, double greatest_blur_px)
     : brightness_(brightness), greatest_blur_px_(std::max(greatest_blur_px, kSharpestPx)) {
+  for (std::size_t grey = 0; grey < light_.size(); ++grey)
+    light_[grey] = std::pow(static_cast<double>(grey) / 255, gamma);
   find_line(brightness);
   const double first = std::max(least_blur_px, kSharpestPx);
   for (double blur = first; blur < greatest_blur_px_ + kBlurStepPx; blur += kBlurStepPx)
@@ -99,9 +101,9 @@ void BlurredPicture::blur_line(double blur_px) {
       const int first = std::max(0, whole - reach), last = std::min(size - 1, whole + reach);
       for (int i = first; i <= last; ++i)
         sum += weights[static_cast<std::size_t>(i - whole + reach)] *
-               profile_[static_cast<std::size_t>(i)];
+               light_[profile_[static_cast<std::size_t>(i)]];
       line.samples[static_cast<std::size_t>((whole + reach) * kFine + phase)] =
-          static_cast<float>(sum / 255);
+          static_cast<float>(sum);
     }
   }
   lines_.push_back(std::move(line));
@@ -132,10 +134,11 @@ double BlurredPicture::summed(double col_px, double row_px, double blur_px) cons
   for (int row = first_row; row <= last_row; ++row) {
     double of_row = 0;
     for (int col = first_col; col <= last_col; ++col)
-      of_row += of_col[static_cast<std::size_t>(col - first_col)] * brightness_.at(row, col);
+      of_row +=
+          of_col[static_cast<std::size_t>(col - first_col)] * light_[brightness_.at(row, col)];
     sum += weight(row - row_px, blur_px) * of_row;
   }
-  return sum / 255;
+  return sum;
 }
 
 double BlurredPicture::on_line(const Line& line, double position_px) const {

@@ -2,6 +2,7 @@
 // much as the place asks for.
 #pragma once
 
+#include <array>
 #include <vector>
 
 #include "estimation/base/image.h"
@@ -13,9 +14,10 @@ namespace hw_sim {
 // pixel by pixel. Immutable, so thread-safe.
 class BlurredPicture {
  public:
-  // Blur is a Gaussian's standard deviation, px, between `least` and `greatest`.
-  BlurredPicture(const estimation::Image<unsigned char>& brightness, double least_blur_px,
-                 double greatest_blur_px);
+  // Light = grey^gamma. Blur is a Gaussian's standard deviation, px, between `least` and
+  // `greatest`.
+  BlurredPicture(const estimation::Image<unsigned char>& brightness, double gamma,
+                 double least_blur_px, double greatest_blur_px);
 
   // 0..1 at a place of the picture (integers are pixel centres); dark beyond its border.
   double at(double col_px, double row_px, double blur_px) const;
@@ -36,6 +38,7 @@ class BlurredPicture {
   double on_line(const Line& line, double position_px) const;
 
   estimation::Image<unsigned char> brightness_;
+  std::array<double, 256> light_{};     // [grey] 0..1
   bool is_along_columns_ = true;        // the line's axis
   std::vector<unsigned char> profile_;  // [column or row]
   Box box_;                             // of the pixels that are not as the line says

@@ -73,7 +73,7 @@ Target even_target(std::string name, double distance_mm, double tilt_y_deg, doub
   return target;
 }
 
-TargetScene standard_scene() {
+TargetScene standard_scene(const std::vector<Spread>& spreads) {
   constexpr double kStandard = 0.99, kPaint = 0.8;
   constexpr double kFacingDeg = 7;  // half way to the projector
   Target cap;
@@ -86,8 +86,13 @@ TargetScene standard_scene() {
   scene.steps.push_back(even_target("opaque target, near", 950, kFacingDeg, kPaint));
   scene.steps.push_back(even_target("opaque target, in the middle", 1000, kFacingDeg, kPaint));
   scene.steps.push_back(even_target("opaque target, far", 1060, kFacingDeg, kPaint));
+  for (Target& target : scene.steps)
+    if (target.reflectance == kPaint) target.spreads = spreads;
   return scene;
 }
+
+// White plastic: a third comes back from its surface.
+std::vector<Spread> plastic() { return {{0.35, 0.4}, {0.22, 1.1}, {0.1, 2.5}}; }
 
 }  // namespace
 
@@ -106,14 +111,15 @@ double Target::reflectance_at(double x_mm, double y_mm) const {
   return is_ink ? ink_reflectance : reflectance;
 }
 
-std::vector<std::string> target_scene_names() { return {"board", "standard"}; }
+std::vector<std::string> target_scene_names() { return {"board", "standard", "translucent"}; }
 
 rig::Result<TargetScene> make_target_scene(std::string_view name) {
   if (name == "board") return board_scene();
-  if (name == "standard") return standard_scene();
-  return rig::failure(
-      rig::Fault::kConfiguration,
-      "there is no scene of targets \"" + std::string(name) + "\"; they are board, standard");
+  if (name == "standard") return standard_scene({});
+  if (name == "translucent") return standard_scene(plastic());
+  return rig::failure(rig::Fault::kConfiguration, "there is no scene of targets \"" +
+                                                      std::string(name) +
+                                                      "\"; they are board, standard, translucent");
 }
 
 }  // namespace hw_sim

@@ -11,7 +11,14 @@
 
 namespace hw_sim {
 
-// A flat, opaque, matte rectangle; or a cap on the lens.
+// A share of the light that leaves a target spread about where it came in: a Gaussian of this
+// standard deviation along either axis. (A measured profile is a sum of a few.)
+struct Spread {
+  double share_frac = 0;
+  double sd_mm = 0;
+};
+
+// A flat, matte rectangle; or a cap on the lens.
 struct Target {
   enum class Kind { kCap, kCheckerboard, kEven };
 
@@ -26,6 +33,7 @@ struct Target {
   int row_count = 0, col_count = 0;
   double square_mm = 0;
   double ink_reflectance = 0.04;
+  std::vector<Spread> spreads;  // of what is lit; the rest leaves where it came in. Empty: opaque
 
   bool is_there() const { return kind != Kind::kCap; }
   // Own coordinates from the middle (x along columns, y along rows) to camera coordinates.
@@ -41,7 +49,9 @@ struct TargetScene {
 
 // board: a checkerboard of 10 x 13 squares of 15 mm in 15 poses. standard: the lens capped, then a
 // reflectance standard (0.99) twice in one place (for the exposures, and for the patterns), then an
-// opaque target (0.8) at three distances. Errors: kConfiguration with the list of names.
+// opaque target (0.8) at three distances. translucent: the same, but in the opaque target's place
+// stands a plastic one, in which light goes a millimetre or two. Errors: kConfiguration with the
+// list of names.
 rig::Result<TargetScene> make_target_scene(std::string_view name);
 std::vector<std::string> target_scene_names();
 

@@ -1,6 +1,7 @@
-// Calibration targets in front of the simulated camera: flat, opaque and matte, under the
-// projector's light with its blur, black and vignetting, on an image sensor. Rays and sums are this
-// folder's own. The next target is there as soon as the next capture has begun.
+// Calibration targets in front of the simulated camera: flat and matte, under the projector's light
+// with its blur, gamma, black, vignetting, ripple and scan-out, through the camera's blur on an
+// image sensor with its faults. A target is grey: crosstalk of the bands does not show. Rays and
+// sums are this folder's own. The next target is there as soon as the next capture has begun.
 #pragma once
 
 #include <cstdint>
@@ -26,7 +27,7 @@ class TargetWorld final : public World {
  public:
   // Errors: kConfiguration for a camera or calibration that lacks what a simulated picture needs
   // (black level, gain, read noise, irradiance); kUnsupported for effects that targets do not have
-  // (drift, flicker).
+  // (drift, a flickering room, pixels that light less than their square).
   static rig::Result<std::unique_ptr<TargetWorld>> create(
       const estimation::CameraInfo& camera, const estimation::ProjectorInfo& projector,
       const estimation::Calibration& calibration, TargetScene scene, const Effects& effects,
@@ -38,6 +39,7 @@ class TargetWorld final : public World {
   int channel_count() const override;
   void expose(const Exposure& exposure,
               estimation::ImageView<std::uint16_t> frame_dn) const override;
+  LampTiming lamp_timing() const override;
   void prepare(const std::shared_ptr<const Picture>& picture) const override;
 
   // target.json, what the capture of that step had before it: {"name", "middle_mm", "normal" (unit,
