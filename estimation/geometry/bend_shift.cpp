@@ -30,6 +30,9 @@ Vec3 vector_at(const std::array<Image<float>, 3>& image, int row, int col) {
           double{image[2].at(row, col)}};
 }
 
+// std::hypot looks after overflow, for ten times the time.
+double root_of_squares(double a, double b) { return std::sqrt(a * a + b * b); }
+
 // How surface and light change along the stripes' gradient q (unit, on the surface) and across it.
 struct Bend {
   float is_known = 0;
@@ -47,50 +50,79 @@ struct Slopes {
   Vec3 position_by_col_mm, position_by_row_mm, normal_by_col, normal_by_row;
 };
 
-std::optional<Slopes> fit_slopes(const Surface& surface, int row, int col, int radius_px) {
-  const int step_px = std::max(1, radius_px / kWindowSamples);
-  const int height = surface.validity.height_px(), width = surface.validity.width_px();
-  const Vec3 here_mm = vector_at(surface.position_mm, row, col);
-  cv::Matx33d normal_matrix;
-  cv::Matx<double, 3, 6> right;
-  std::size_t count = 0;
-  for (int dy = -radius_px; dy <= radius_px; dy += step_px)
-    for (int dx = -radius_px; dx <= radius_px; dx += step_px) {
-      const int r = row + dy, c = col + dx;
-      if (r < 0 || c < 0 || r >= height || c >= width) continue;
-      const Vec3 position_mm = vector_at(surface.position_mm, r, c);
-      if (!std::isfinite(position_mm[2])) continue;
-      const Vec3 normal = vector_at(surface.normal, r, c);
-      const double weight = std::exp(-2.0 * (dx * dx + dy * dy) / (radius_px * radius_px));
-      const Vec3 basis(1, dx, dy);
-      normal_matrix += weight * (basis * basis.t());
-      for (int i = 0; i < 3; ++i)
-        for (int term = 0; term < 3; ++term) {
-          right(term, i) += weight * basis[term] * (position_mm[i] - here_mm[i]);
-          right(term, i + 3) += weight * basis[term] * normal[i];
-        }
-      ++count;
+// Weights of the window's samples, `step_px` apart.
+class SlopeWindow {
+ public:
+  explicit SlopeWindow(int radius_px)
+      : radius_px_(radius_px), step_px_(std::max(1, radius_px / kWindowSamples)) {
+    for (int d = -radius_px_; d <= radius_px_; d += step_px_) {
+      offsets_px_.push_back(d);
+      weights_.push_back(std::exp(-2.0 * d * d / (radius_px * radius_px)));
     }
-  if (count < kLeastSamples) return std::nullopt;
-  bool is_regular = false;
-  const cv::Matx33d inverse = normal_matrix.inv(cv::DECOMP_CHOLESKY, &is_regular);
-  if (!is_regular) return std::nullopt;
-  const cv::Matx<double, 3, 6> fit = inverse * right;
-  return Slopes{{fit(1, 0), fit(1, 1), fit(1, 2)},
-                {fit(2, 0), fit(2, 1), fit(2, 2)},
-                {fit(1, 3), fit(1, 4), fit(1, 5)},
-                {fit(2, 3), fit(2, 4), fit(2, 5)}};
-}
+  }
+
+  // Of position and normal around a pixel that has them.
+  std::optional<Slopes> fit(const Surface& surface, int row, int col) const {
+    using Terms = std::array<double, 3>;  // of 1, dx, dy
+    Terms ones{}, columns{}, rows{};      // the normal matrix
+    std::array<Terms, 6> right{};         // [X, Y, Z of position and normal]
+    std::size_t count = 0;
+    const double depth_mm = double{surface.position_mm[2].at(row, col)};
+    for (std::size_t j = 0; j < offsets_px_.size(); ++j) {
+      const int r = row + offsets_px_[j];
+      if (r < 0 || r >= surface.validity.height_px()) continue;
+      for (std::size_t i = 0; i < offsets_px_.size(); ++i) {
+        const int c = col + offsets_px_[i];
+        if (c < 0 || c >= surface.validity.width_px()) continue;
+        if (std::isnan(surface.position_mm[2].at(r, c))) continue;
+        const double w = weights_[i] * weights_[j];
+        const double wx = w * offsets_px_[i], wy = w * offsets_px_[j];
+        const auto add = [&](Terms& terms, double value) {
+          terms[0] += w * value;
+          terms[1] += wx * value;
+          terms[2] += wy * value;
+        };
+        add(ones, 1);
+        add(columns, offsets_px_[i]);
+        add(rows, offsets_px_[j]);
+        add(right[0], double{surface.position_mm[0].at(r, c)});
+        add(right[1], double{surface.position_mm[1].at(r, c)});
+        add(right[2], double{surface.position_mm[2].at(r, c)} - depth_mm);
+        for (std::size_t k = 0; k < 3; ++k) add(right[k + 3], double{surface.normal[k].at(r, c)});
+        ++count;
+      }
+    }
+    if (count < kLeastSamples) return std::nullopt;
+    const cv::Matx33d normal_matrix(ones[0], ones[1], ones[2], columns[0], columns[1], columns[2],
+                                    rows[0], rows[1], rows[2]);
+    bool is_regular = false;
+    const cv::Matx33d inverse = normal_matrix.inv(cv::DECOMP_CHOLESKY, &is_regular);
+    if (!is_regular) return std::nullopt;
+    const auto slope = [&](int term, std::size_t of) {
+      return inverse(term, 0) * right[of][0] + inverse(term, 1) * right[of][1] +
+             inverse(term, 2) * right[of][2];
+    };
+    return Slopes{{slope(1, 0), slope(1, 1), slope(1, 2)},
+                  {slope(2, 0), slope(2, 1), slope(2, 2)},
+                  {slope(1, 3), slope(1, 4), slope(1, 5)},
+                  {slope(2, 3), slope(2, 4), slope(2, 5)}};
+  }
+
+ private:
+  int radius_px_, step_px_;
+  std::vector<int> offsets_px_;
+  std::vector<double> weights_;
+};
 
 class BendFinder {
  public:
   BendFinder(const Stereo& stereo, const Surface& surface, Axis axis, int radius_px)
-      : stereo_(stereo), surface_(surface), axis_(axis), radius_px_(radius_px) {}
+      : stereo_(stereo), surface_(surface), axis_(axis), window_(radius_px) {}
 
   Bend at(int row, int col) const {
     const Vec3 here_mm = vector_at(surface_.position_mm, row, col);
     if (!std::isfinite(here_mm[2])) return {};
-    const auto slopes = fit_slopes(surface_, row, col, radius_px_);
+    const auto slopes = window_.fit(surface_, row, col);
     if (!slopes) return {};
     const Vec3 normal = vector_at(surface_.normal, row, col);
     const auto gradient = gradient_at(here_mm);
@@ -151,7 +183,7 @@ class BendFinder {
   const Stereo& stereo_;
   const Surface& surface_;
   Axis axis_;
-  int radius_px_;
+  SlopeWindow window_;
 };
 
 // At nodes `side_px` apart, in the middle of the spread's cells.
@@ -211,34 +243,43 @@ BendNodes bends_of(const Stereo& stereo, const Surface& surface, Axis axis, int 
 // Projector px by which the coordinate reads too high. With q the stripes' frequency on the surface
 // (2 pi / pitch / period), light's relative change g along it and the coordinate's second
 // derivatives h, the integral of R(d) (1 + g d) exp(i (q d + q h d^2 / 2)) has the phase
-// -g R~'/R~ - (q / 2) (h_along R~''/R~ + h_across R~'/(q R~)).
-double shift_px(const Bend& bend, const SpreadShape& spread, int harmonic, double period_px) {
-  const double rad_per_px = 2 * std::numbers::pi * harmonic / period_px;
-  const double q = rad_per_px * double{bend.gradient_px_per_mm};  // rad / mm
-  const double by_q = harmonic / q;                               // harmonic numbers by q
-  const double first_mm = spread.first(harmonic) * by_q;
-  const double second_mm2 = spread.second(harmonic) * by_q * by_q;
-  const double phase_rad =
-      -double{bend.light_per_mm} * first_mm - rad_per_px / 2 *
-                                                  (double{bend.along_px_per_mm2} * second_mm2 +
-                                                   double{bend.across_px_per_mm2} * first_mm / q);
-  return phase_rad / rad_per_px;
+// -g R~'/R~ - (q / 2) (h_along R~''/R~ + h_across R~'/(q R~)): linear in what bends, with these
+// factors of a spread.
+struct ShiftFactors {
+  double light = 0, along = 0, across = 0;
+
+  double shift_px(const Bend& bend) const {
+    const double mm_per_px = 1 / double{bend.gradient_px_per_mm};
+    return mm_per_px * (light * double{bend.light_per_mm} +
+                        mm_per_px * (along * double{bend.along_px_per_mm2} +
+                                     across * double{bend.across_px_per_mm2}));
+  }
+};
+
+ShiftFactors factors_of(const SpreadShape& spread, int harmonic, double period_px) {
+  const double px_per_rad = period_px / (2 * std::numbers::pi);
+  const double first = spread.first(harmonic) * px_per_rad * px_per_rad;
+  const double second = spread.second(harmonic) * px_per_rad * px_per_rad;
+  return {-first / harmonic, -second / 2, -first / harmonic / 2};
 }
 
 // As `source` sees it: a fit weighs each harmonic's phase by what it tells of the coordinate.
-double shift_px(const Bend& bend, const SpreadShape& spread, const SpreadCells& cells,
-                PhaseSource source) {
-  if (source == PhaseSource::kFirstHarmonic) return shift_px(bend, spread, 1, cells.period_px);
+ShiftFactors factors_of(const SpreadShape& spread, const SpreadCells& cells, PhaseSource source) {
+  if (source == PhaseSource::kFirstHarmonic) return factors_of(spread, 1, cells.period_px);
   constexpr int kHarmonics = 6;
-  double sum = 0, weights = 0;
+  ShiftFactors sum;
+  double weights = 0;
   for (int n = 1; n <= kHarmonics; ++n) {
     const double amplitude = stripe_harmonic(cells.period_px, cells.width_px, n) *
                              std::exp(spread.log_transfer(n) - spread.log_transfer(1));
-    const double weight = std::pow(n * amplitude, 2);
-    sum += weight * shift_px(bend, spread, n, cells.period_px);
+    const double weight = n * amplitude * n * amplitude;
+    const ShiftFactors factors = factors_of(spread, n, cells.period_px);
+    sum.light += weight * factors.light;
+    sum.along += weight * factors.along;
+    sum.across += weight * factors.across;
     weights += weight;
   }
-  return sum / weights;
+  return {sum.light / weights, sum.along / weights, sum.across / weights};
 }
 
 // How much of the predicted shift the data show: about 0.6 on faces (bends have noise of their own,
@@ -262,8 +303,8 @@ double shown_share(const BendNodes& bends, const SpreadCells& cells) {
       const Bend& bend = bends.nodes[i];
       if (!band[i] || !(bend.is_known > 0)) continue;
       const double predicted_px =
-          shift_px(bend, band[i]->shape, cells.second_harmonic, cells.period_px) -
-          shift_px(bend, band[i]->shape, 1, cells.period_px);
+          factors_of(band[i]->shape, cells.second_harmonic, cells.period_px).shift_px(bend) -
+          factors_of(band[i]->shape, 1, cells.period_px).shift_px(bend);
       const double measured_px = band[i]->second_less_first_px;
       if (std::abs(predicted_px) > kMostOffPx || std::abs(measured_px) > kMostOffPx) continue;
       const cv::Vec<double, kTerms> terms(predicted_px, double{bend.projector_px},
@@ -304,7 +345,17 @@ struct AxisSpread {
   SpreadCells spread;
   Image<float> measured_px, measured_sd_px;
   Image<float> doubt_px;  // what the correction may be wrong by, alike in neighbouring pixels
+  std::array<std::vector<ShiftFactors>, 3> factors = {};  // [band][cell], where there is a spread
 };
+
+std::array<std::vector<ShiftFactors>, 3> factors_by_cell(const SpreadCells& spread,
+                                                         PhaseSource source) {
+  std::array<std::vector<ShiftFactors>, 3> factors;
+  for (std::size_t band = 0; band < factors.size(); ++band)
+    for (const auto& cell : spread.bands[band])
+      factors[band].push_back(cell ? factors_of(cell->shape, spread, source) : ShiftFactors{});
+  return factors;
+}
 
 void take_off(AxisSpread& from, const BendNodes& bends, const CameraInfo& camera,
               const BendOptions& options, Image<float>& position_px, Image<float>& sd_px) {
@@ -314,15 +365,18 @@ void take_off(AxisSpread& from, const BendNodes& bends, const CameraInfo& camera
       sd_px.at(row, col) = from.measured_sd_px.at(row, col);
       from.doubt_px.at(row, col) = 0;
       if (std::isnan(position_px.at(row, col))) continue;
-      const auto& spread = from.spread.at(spread_band(camera, row, col), row, col);
+      const auto band = static_cast<std::size_t>(spread_band(camera, row, col));
+      const std::size_t cell = from.spread.index(row, col);
+      if (!from.spread.bands[band][cell]) continue;
       const Bend bend = bends.at(row, col);
-      if (!spread || !(bend.is_known > 0)) continue;
-      const double off_px = shift_px(bend, spread->shape, from.spread, options.source);
+      if (!(bend.is_known > 0)) continue;
+      const double off_px = from.factors[band][cell].shift_px(bend);
       if (!(std::abs(off_px) < kMostShiftPx)) continue;
       position_px.at(row, col) -= static_cast<float>(off_px);
       const double doubt_px = options.relative_sd * std::abs(off_px);
       from.doubt_px.at(row, col) = static_cast<float>(doubt_px);
-      sd_px.at(row, col) = static_cast<float>(std::hypot(double{sd_px.at(row, col)}, doubt_px));
+      sd_px.at(row, col) =
+          static_cast<float>(root_of_squares(double{sd_px.at(row, col)}, doubt_px));
     }
   });
 }
@@ -351,7 +405,7 @@ void add_doubt(const Stereo& stereo, std::span<const AxisSpread> axes,
                                                         : lit->row_gradient_px_per_mm;
       const double px_per_mm = std::abs(gradient.dot(here_mm)) / cv::norm(here_mm);
       if (px_per_mm > 0)
-        sd_mm = static_cast<float>(std::hypot(double{sd_mm}, doubt_px / px_per_mm));
+        sd_mm = static_cast<float>(root_of_squares(double{sd_mm}, doubt_px / px_per_mm));
     }
   });
 }
@@ -362,10 +416,12 @@ Surface reconstruct_bent_surface(std::span<const PatternSignal> signals,
                                  const Calibration& calibration, const CameraInfo& camera,
                                  const ProjectorInfo& projector, const SurfaceOptions& options,
                                  const BendOptions& bend_options, Correspondence& correspondence) {
-  const auto reconstruct = [&] {
-    return reconstruct_surface(calibration, camera, projector, correspondence, options);
+  Surface surface;
+  const auto reconstruct = [&](SurfaceParts parts) {
+    reconstruct_surface_into(calibration, camera, projector, correspondence, options, parts,
+                             surface);
   };
-  Surface surface = reconstruct();
+  reconstruct(SurfaceParts::kAll);
   const Stereo stereo(calibration, camera);
   const double pixel_mm = median_pixel_mm(surface, stereo.camera_focal_px());
   if (!(pixel_mm > 0)) return surface;
@@ -383,8 +439,10 @@ Surface reconstruct_bent_surface(std::span<const PatternSignal> signals,
     axes.push_back({axis, std::move(*spread), position_px,
                     is_column ? correspondence.column_sd_px : correspondence.row_sd_px,
                     Image<float>(camera.height_px, camera.width_px)});
+    axes.back().factors = factors_by_cell(axes.back().spread, bend_options.source);
   }
   if (axes.empty()) return surface;
+  bool is_shape_alone = false;
   for (int pass = 0; pass < bend_options.pass_count; ++pass) {
     bool is_moved = false;
     for (AxisSpread& from : axes) {
@@ -397,8 +455,10 @@ Surface reconstruct_bent_surface(std::span<const PatternSignal> signals,
       is_moved = true;
     }
     if (!is_moved) break;
-    surface = reconstruct();
+    is_shape_alone = pass + 1 < bend_options.pass_count;
+    reconstruct(is_shape_alone ? SurfaceParts::kShape : SurfaceParts::kAll);
   }
+  if (is_shape_alone) reconstruct(SurfaceParts::kAll);
   add_doubt(stereo, axes, correspondence, surface);
   return surface;
 }

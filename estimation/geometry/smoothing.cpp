@@ -4,75 +4,60 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <opencv2/core.hpp>
+#include <span>
 #include <vector>
+
+#include "estimation/geometry/connected_fit.h"
+#include "estimation/geometry/filter_rows.h"
 
 namespace estimation {
 namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-// Depths of neighbours differ by noise of this many standard deviations before it is a jump.
-constexpr float kJumpSd = 5;
-// Beside a border the window is sampled this many times on either side.
-constexpr int kSparseRadius = 4;
-constexpr int kMinQuadricPoints = 15;
-constexpr int kMinPlanePoints = 4;
-constexpr int kRowsPerBand = 64;
+constexpr int kRowsPerBand = 32;
 // More missing neighbours than this are a border, fewer are dropped pixels.
 constexpr double kBorderFrac = 0.1;
 
-// Sums over any rectangle in constant time.
-class SumTable {
+// --- what is missing and where the depth jumps --------------------------------------------------
+
+// How many marks lie within `radius` of a row's pixels, rows taken one after the other.
+class BoxCount {
  public:
-  explicit SumTable(const Image<unsigned char>& image)
-      : sums_(image.height_px() + 1, image.width_px() + 1) {
-    for (int row = 0; row < image.height_px(); ++row) {
-      std::int32_t line = 0;
-      for (int col = 0; col < image.width_px(); ++col) {
-        line += image.at(row, col);
-        sums_.at(row + 1, col + 1) = sums_.at(row, col + 1) + line;
-      }
-    }
+  BoxCount(const Image<unsigned char>& marks, int radius, int first_row)
+      : marks_(marks),
+        radius_(radius),
+        columns_(static_cast<std::size_t>(marks.width_px())),
+        sums_(columns_.size() + 1) {
+    for (int row = first_row - radius - 1; row < first_row + radius; ++row) add(row, 1);
   }
 
-  // Within the image, `radius` around (row, col).
-  std::int32_t around(int row, int col, int radius) const {
-    const int top = std::max(row - radius, 0), left = std::max(col - radius, 0);
-    const int bottom = std::min(row + radius + 1, sums_.height_px() - 1);
-    const int right = std::min(col + radius + 1, sums_.width_px() - 1);
-    return sums_.at(bottom, right) - sums_.at(top, right) - sums_.at(bottom, left) +
-           sums_.at(top, left);
+  // To be called for the first row, the next one, and so on.
+  void enter(int row) {
+    add(row + radius_, 1);
+    add(row - radius_ - 1, -1);
+    std::int32_t sum = 0;
+    for (std::size_t col = 0; col < columns_.size(); ++col) sums_[col + 1] = sum += columns_[col];
+  }
+
+  std::int32_t around(int col) const {
+    const int left = std::max(col - radius_, 0);
+    const int right = std::min(col + radius_ + 1, marks_.width_px());
+    return sums_[static_cast<std::size_t>(right)] - sums_[static_cast<std::size_t>(left)];
   }
 
  private:
-  Image<std::int32_t> sums_;
-};
-
-template <typename Body>
-void for_rows(int height_px, std::size_t grain, const Body& body) {
-  oneapi::tbb::parallel_for(oneapi::tbb::blocked_range<int>(0, height_px, grain),
-                            [&](const oneapi::tbb::blocked_range<int>& range) {
-                              for (int row = range.begin(); row < range.end(); ++row) body(row);
-                            });
-}
-
-struct Neighbours {
-  const DepthMap& depth;
-  float max_relative_step;
-
-  // Two points `distance_px` apart lie on one surface. False if one of them is missing.
-  bool are_linked(int row, int col, int other_row, int other_col, int distance_px) const {
-    const float a = depth.inverse_depth_per_mm.at(row, col);
-    const float b = depth.inverse_depth_per_mm.at(other_row, other_col);
-    const float noise =
-        std::hypot(depth.relative_sd.at(row, col), depth.relative_sd.at(other_row, other_col));
-    const float limit = max_relative_step * static_cast<float>(distance_px) + kJumpSd * noise;
-    return std::abs(a - b) <= limit * std::min(a, b);
+  void add(int row, std::int32_t sign) {
+    if (row < 0 || row >= marks_.height_px()) return;
+    const std::span<const unsigned char> marks = marks_.view().row(row);
+    for (std::size_t col = 0; col < columns_.size(); ++col) columns_[col] += sign * marks[col];
   }
+
+  const Image<unsigned char>& marks_;
+  int radius_;
+  std::vector<std::int32_t> columns_, sums_;
 };
 
 // The inverse depth with single missing pixels filled from their neighbours, minus an offset that
@@ -81,11 +66,12 @@ struct Prepared {
   Image<float> offset_inverse;
   float offset = 0;
   Image<unsigned char> is_missing, is_jump;
+  Image<unsigned char> is_broken;  // either
 };
 
 float median_of(ImageView<const float> image) {
   std::vector<float> values;
-  for (int row = 0; row < image.height_px; ++row) {
+  for (int row = 0; row < image.height_px; row += 2) {
     for (int col = row % 4; col < image.width_px; col += 4) {
       if (!std::isnan(image.at(row, col))) values.push_back(image.at(row, col));
     }
@@ -117,52 +103,62 @@ float fill_from_neighbours(ImageView<const float> inverse, const Neighbours& nei
   return count >= 6 && agree ? sum / count : kNaN;
 }
 
+void prepare_row(ImageView<const float> inverse, const Neighbours& neighbours, int row,
+                 Prepared& out) {
+  const int height = inverse.height_px, width = inverse.width_px;
+  for (int col = 0; col < width; ++col) {
+    float value = inverse.at(row, col);
+    const bool is_decoded = !std::isnan(value);
+    if (!is_decoded) value = fill_from_neighbours(inverse, neighbours, row, col);
+    const bool is_missing = std::isnan(value);
+    const auto jumps_to = [&](int r, int c) {
+      return r < height && c < width && r >= 0 && c >= 0 && !std::isnan(inverse.at(r, c)) &&
+             !neighbours.are_linked(row, col, r, c, 1);
+    };
+    const bool is_jump = is_decoded && (jumps_to(row, col + 1) || jumps_to(row + 1, col) ||
+                                        jumps_to(row, col - 1) || jumps_to(row - 1, col));
+    out.offset_inverse.at(row, col) = is_missing ? 0 : value - out.offset;
+    out.is_missing.at(row, col) = is_missing;
+    out.is_jump.at(row, col) = is_jump;
+    out.is_broken.at(row, col) = is_missing || is_jump;
+  }
+}
+
 Prepared prepare(const DepthMap& depth, const Neighbours& neighbours) {
   const ImageView<const float> inverse = depth.inverse_depth_per_mm;
   const int height = inverse.height_px, width = inverse.width_px;
   Prepared out{Image<float>(height, width), median_of(inverse), Image<unsigned char>(height, width),
-               Image<unsigned char>(height, width)};
-  for_rows(height, 16, [&](int row) {
-    for (int col = 0; col < width; ++col) {
-      float value = inverse.at(row, col);
-      if (std::isnan(value)) value = fill_from_neighbours(inverse, neighbours, row, col);
-      const bool is_missing = std::isnan(value);
-      out.is_missing.at(row, col) = is_missing;
-      out.offset_inverse.at(row, col) = is_missing ? 0 : value - out.offset;
-      if (std::isnan(inverse.at(row, col))) continue;
-      const auto jumps_to = [&](int r, int c) {
-        return r < height && c < width && r >= 0 && c >= 0 && !std::isnan(inverse.at(r, c)) &&
-               !neighbours.are_linked(row, col, r, c, 1);
-      };
-      out.is_jump.at(row, col) = jumps_to(row, col + 1) || jumps_to(row + 1, col) ||
-                                 jumps_to(row, col - 1) || jumps_to(row - 1, col);
-    }
+               Image<unsigned char>(height, width), Image<unsigned char>(height, width)};
+  const auto rows = oneapi::tbb::blocked_range<int>(0, height, 16);
+  oneapi::tbb::parallel_for(rows, [&](const oneapi::tbb::blocked_range<int>& range) {
+    for (int row = range.begin(); row < range.end(); ++row)
+      prepare_row(inverse, neighbours, row, out);
   });
   return out;
 }
 
 // --- full windows: the fit is a fixed, separable filter -----------------------------------------
 
-// For window offsets x, y and Gaussian weights g: value = sum g(x) g(y) (a + b (x^2 + y^2)) q,
-// slopes = sum g(x) g(y) s x q and s y q (Savitzky-Golay with a weight).
-struct FilterKernels {
-  int radius = 0;
-  std::vector<float> plain, first, second;  // g, g x, g x^2; [offset + radius]
+struct WindowFilter {
+  std::vector<float> plain, first, second;
   float a = 0, b = 0, s = 0;
   float noise_gain = 0, slope_gain = 0;
+  int radius = 0;
+
+  FilterKernels kernels() const { return {radius, plain, first, second, a, b, s}; }
 };
 
-FilterKernels make_kernels(int radius_px) {
-  FilterKernels kernels;
-  kernels.radius = radius_px;
+WindowFilter make_filter(int radius_px) {
+  WindowFilter filter;
+  filter.radius = radius_px;
   double m0 = 0, m2 = 0, m4 = 0;
   std::vector<double> weights;
   for (int x = -radius_px; x <= radius_px; ++x) {
     const double g = std::exp(-2.0 * x * x / (radius_px * radius_px));
     weights.push_back(g);
-    kernels.plain.push_back(static_cast<float>(g));
-    kernels.first.push_back(static_cast<float>(g * x));
-    kernels.second.push_back(static_cast<float>(g * x * x));
+    filter.plain.push_back(static_cast<float>(g));
+    filter.first.push_back(static_cast<float>(g * x));
+    filter.second.push_back(static_cast<float>(g * x * x));
     m0 += g;
     m2 += g * x * x;
     m4 += g * x * x * x * x;
@@ -180,219 +176,163 @@ FilterKernels make_kernels(int radius_px) {
       slope_squares += std::pow(weight_at[x] * weight_at[y] * x / (m0 * m2), 2);
     }
   }
-  kernels.a = static_cast<float>(a);
-  kernels.b = static_cast<float>(b);
-  kernels.s = static_cast<float>(1 / (m0 * m2));
-  kernels.noise_gain = static_cast<float>(std::sqrt(squares));
-  kernels.slope_gain = static_cast<float>(std::sqrt(slope_squares));
-  return kernels;
+  filter.a = static_cast<float>(a);
+  filter.b = static_cast<float>(b);
+  filter.s = static_cast<float>(1 / (m0 * m2));
+  filter.noise_gain = static_cast<float>(std::sqrt(squares));
+  filter.slope_gain = static_cast<float>(std::sqrt(slope_squares));
+  return filter;
 }
 
-using Row = std::vector<float>;
+// --- bands of rows ------------------------------------------------------------------------------
 
-void add_scaled(std::span<const float> from, float factor, Row& to) {
-  for (std::size_t i = 0; i < to.size(); ++i) to[i] += factor * from[i];
-}
-
-// One image row filtered along x by the three kernels; columns nearer than radius to the border
-// are left zero.
-struct FilteredRow {
-  Row plain, first, second;
+// Columns [begin, end).
+struct Span {
+  std::size_t begin = 0, end = 0;
 };
 
-FilteredRow filter_along_row(std::span<const float> samples, const FilterKernels& kernels) {
-  const std::size_t width = samples.size();
-  const auto radius = static_cast<std::size_t>(kernels.radius);
-  FilteredRow out{Row(width), Row(width), Row(width)};
-  if (width < 2 * radius + 1) return out;
-  const std::size_t inner = width - 2 * radius;
-  for (std::size_t k = 0; k < kernels.plain.size(); ++k) {
-    const float plain = kernels.plain[k], first = kernels.first[k], second = kernels.second[k];
-    for (std::size_t i = 0; i < inner; ++i) {
-      const float sample = samples[i + k];
-      out.plain[i + radius] += plain * sample;
-      out.first[i + radius] += first * sample;
-      out.second[i + radius] += second * sample;
+class Band {
+ public:
+  Band(const DepthMap& depth, const FitOptions& options, const Prepared& prepared,
+       const WindowFilter& filter, const ConnectedFit& connected, int begin, int end)
+      : depth_(depth),
+        radius_(options.radius_px),
+        border_count_(kBorderFrac * std::pow(2 * options.discontinuity_radius_px + 1, 2)),
+        prepared_(prepared),
+        filter_(filter),
+        connected_(connected),
+        begin_(begin),
+        end_(end),
+        width_(static_cast<std::size_t>(prepared.is_missing.width_px())),
+        broken_(prepared.is_broken, radius_, begin),
+        near_missing_(prepared.is_missing, options.discontinuity_radius_px, begin),
+        near_jumps_(prepared.is_jump, options.discontinuity_radius_px, begin) {}
+
+  void run(const std::function<void(int row, const FitRow&)>& take) {
+    for (std::vector<float>* values : {&fit_.inverse_depth_per_mm, &fit_.by_col, &fit_.by_row,
+                                       &fit_.noise_gain, &fit_.slope_gain})
+      values->assign(width_, kNaN);
+    fit_.is_near_discontinuity.assign(width_, 0);
+    find_occupied();
+    filter_rows();
+    for (int row = begin_; row < end_; ++row) {
+      if (occupied_.begin < occupied_.end) fit_row(row);
+      take(row, fit_);
     }
   }
-  return out;
-}
 
-void filter_band(const Prepared& prepared, const FilterKernels& kernels, int begin, int end,
-                 LocalFit& fit) {
-  const int radius = kernels.radius;
-  const ImageView<const float> image = prepared.offset_inverse.view();
-  begin = std::max(begin, radius);
-  end = std::min(end, image.height_px - radius);
-  if (begin >= end) return;
-  std::vector<FilteredRow> filtered;
-  for (int row = begin - radius; row < end + radius; ++row) {
-    filtered.push_back(filter_along_row(image.row(row), kernels));
-  }
-  const auto width = static_cast<std::size_t>(image.width_px);
-  for (int row = begin; row < end; ++row) {
-    Row value(width), by_col(width), by_row(width);
-    for (std::size_t k = 0; k < kernels.plain.size(); ++k) {
-      const FilteredRow& line = filtered[static_cast<std::size_t>(row - begin) + k];
-      add_scaled(line.plain, kernels.a * kernels.plain[k] + kernels.b * kernels.second[k], value);
-      add_scaled(line.second, kernels.b * kernels.plain[k], value);
-      add_scaled(line.first, kernels.s * kernels.plain[k], by_col);
-      add_scaled(line.plain, kernels.s * kernels.first[k], by_row);
-    }
-    for (std::size_t col = 0; col < width; ++col) {
-      const int c = static_cast<int>(col);
-      fit.inverse_depth_per_mm.at(row, c) = value[col] + prepared.offset;
-      fit.by_col.at(row, c) = by_col[col];
-      fit.by_row.at(row, c) = by_row[col];
-      fit.noise_gain.at(row, c) = kernels.noise_gain;
-      fit.slope_gain.at(row, c) = kernels.slope_gain;
+ private:
+  // Columns in which the band has any depth.
+  void find_occupied() {
+    occupied_ = {width_, 0};
+    for (int row = begin_; row < end_; ++row) {
+      const auto inverse = depth_.inverse_depth_per_mm.row(row);
+      std::size_t first = 0, last = width_;
+      while (first < width_ && std::isnan(inverse[first])) ++first;
+      while (last > first && std::isnan(inverse[last - 1])) --last;
+      occupied_ = {std::min(occupied_.begin, first), std::max(occupied_.end, last)};
     }
   }
-}
 
-// --- beside borders and jumps: least squares over the connected neighbours ----------------------
+  // Where the window is within the picture.
+  Span inner() const {
+    const auto radius = static_cast<std::size_t>(radius_);
+    if (width_ < 2 * radius + 1) return {};
+    return {std::max(occupied_.begin, radius), std::min(occupied_.end, width_ - radius)};
+  }
 
-struct FitPoint {
-  double x = 0, y = 0, inverse = 0, weight = 0;
-};
+  bool has_window(int row) const {
+    return row >= radius_ && row + radius_ < prepared_.is_missing.height_px();
+  }
 
-constexpr int kSparseSize = 2 * kSparseRadius + 1;
-constexpr std::size_t kSparseCount = std::size_t{kSparseSize} * kSparseSize;
+  void filter_rows() {
+    const Span columns = inner();
+    if (columns.begin >= columns.end) return;
+    first_line_ = std::max(begin_ - radius_, 0);
+    const int last = std::min(end_ + radius_, prepared_.is_missing.height_px());
+    filtered_.resize(3 * width_ * static_cast<std::size_t>(last - first_line_));
+    for (int row = first_line_; row < last; ++row) {
+      float* plain = filtered_.data() + 3 * width_ * static_cast<std::size_t>(row - first_line_);
+      lines_.push_back({plain, plain + width_, plain + 2 * width_});
+      filter_along_row(prepared_.offset_inverse.view().row(row).data(), filter_.kernels(),
+                       columns.begin, columns.end, lines_.back());
+    }
+  }
 
-// The neighbours that links lead to from the centre, on a grid of `stride` px.
-std::vector<FitPoint> connected_points(const DepthMap& depth, const Neighbours& neighbours, int row,
-                                       int col, int stride, int radius_px) {
-  std::array<char, kSparseCount> seen{};
-  std::vector<std::array<int, 2>> queue{{0, 0}};
-  std::vector<FitPoint> points;
-  seen[kSparseCount / 2] = 1;
-  for (std::size_t next = 0; next < queue.size(); ++next) {
-    const auto [gy, gx] = queue[next];
-    const int y = row + gy * stride, x = col + gx * stride;
-    const double distance2 = double(gx * gx + gy * gy) * stride * stride;
-    points.push_back({double(gx) * stride, double(gy) * stride,
-                      double{depth.inverse_depth_per_mm.at(y, x)},
-                      std::exp(-2 * distance2 / (radius_px * radius_px))});
-    for (const auto& [dy, dx] : {std::array{0, 1}, {1, 0}, {0, -1}, {-1, 0}}) {
-      const int ny = gy + dy, nx = gx + dx;
-      if (std::max(std::abs(ny), std::abs(nx)) * stride > radius_px) continue;
-      const int cell = (ny + kSparseRadius) * kSparseSize + nx + kSparseRadius;
-      char& was_seen = seen[static_cast<std::size_t>(cell)];
-      const int other_y = row + ny * stride, other_x = col + nx * stride;
-      if (was_seen || other_y < 0 || other_x < 0 ||
-          other_y >= depth.inverse_depth_per_mm.height_px ||
-          other_x >= depth.inverse_depth_per_mm.width_px ||
-          !neighbours.are_linked(y, x, other_y, other_x, stride)) {
+  void fit_row(int row) {
+    broken_.enter(row);
+    near_missing_.enter(row);
+    near_jumps_.enter(row);
+    const Span columns = has_window(row) ? inner() : Span{};
+    if (columns.begin < columns.end) {
+      const auto first = static_cast<std::size_t>(row - radius_ - first_line_);
+      const auto lines =
+          std::span(lines_).subspan(first, 2 * static_cast<std::size_t>(radius_) + 1);
+      filter_across_rows(
+          lines, filter_.kernels(), columns.begin, columns.end,
+          {fit_.inverse_depth_per_mm.data(), fit_.by_col.data(), fit_.by_row.data()});
+    }
+    const auto inverse = depth_.inverse_depth_per_mm.row(row);
+    for (std::size_t i = occupied_.begin; i < occupied_.end; ++i) {
+      const int col = static_cast<int>(i);
+      if (std::isnan(inverse[i])) {
+        store({}, i);
         continue;
       }
-      was_seen = 1;
-      queue.push_back({ny, nx});
+      if (i >= columns.begin && i < columns.end && broken_.around(col) == 0) {
+        fit_.inverse_depth_per_mm[i] += prepared_.offset;
+        fit_.noise_gain[i] = filter_.noise_gain;
+        fit_.slope_gain[i] = filter_.slope_gain;
+      } else {
+        store(connected_.at(row, col), i);
+      }
+      fit_.is_near_discontinuity[i] =
+          near_jumps_.around(col) > 0 || near_missing_.around(col) > border_count_;
     }
   }
-  return points;
-}
 
-struct PointFit {
-  double value = 0, by_x = 0, by_y = 0, noise_gain = 0, slope_gain = 0;
-  bool is_valid = false;
+  void store(const PointFit& fit, std::size_t i) {
+    const auto known = [&](double value) {
+      return fit.is_valid ? static_cast<float>(value) : kNaN;
+    };
+    fit_.inverse_depth_per_mm[i] = known(fit.value);
+    fit_.by_col[i] = known(fit.by_x);
+    fit_.by_row[i] = known(fit.by_y);
+    fit_.noise_gain[i] = known(fit.noise_gain);
+    fit_.slope_gain[i] = known(fit.slope_gain);
+  }
+
+  const DepthMap& depth_;
+  int radius_;
+  double border_count_;
+  const Prepared& prepared_;
+  const WindowFilter& filter_;
+  const ConnectedFit& connected_;
+  int begin_, end_;
+  std::size_t width_;
+  BoxCount broken_, near_missing_, near_jumps_;
+  Span occupied_;
+  std::vector<float> filtered_;
+  std::vector<FilteredRow> lines_;  // from first_line_ on
+  int first_line_ = 0;
+  FitRow fit_;
 };
-
-// Weighted least squares over 1, x, y (and x^2, xy, y^2), coordinates in units of `scale`.
-template <int kTerms>
-PointFit fit_polynomial(const std::vector<FitPoint>& points, double scale) {
-  using Vector = cv::Vec<double, kTerms>;
-  const auto basis = [&](const FitPoint& point) {
-    const double x = point.x / scale, y = point.y / scale;
-    const std::array<double, 6> all{1, x, y, x * x, x * y, y * y};
-    Vector terms;
-    for (int i = 0; i < kTerms; ++i) terms[i] = all[static_cast<std::size_t>(i)];
-    return terms;
-  };
-  cv::Matx<double, kTerms, kTerms> normal;
-  Vector right;
-  for (const FitPoint& point : points) {
-    const Vector terms = basis(point);
-    normal += point.weight * (terms * terms.t());
-    right += point.weight * (point.inverse - points.front().inverse) * terms;
-  }
-  bool is_regular = false;
-  const cv::Matx<double, kTerms, kTerms> inverse = normal.inv(cv::DECOMP_CHOLESKY, &is_regular);
-  const Vector solution = inverse * right;
-  PointFit fit{.value = points.front().inverse + solution[0],
-               .by_x = solution[1] / scale,
-               .by_y = solution[2] / scale,
-               .is_valid = is_regular};
-  Vector squares;  // of what a point does to each coefficient
-  for (const FitPoint& point : points) {
-    const Vector influence = point.weight * (inverse * basis(point));
-    squares += influence.mul(influence);
-  }
-  fit.noise_gain = std::sqrt(squares[0]);
-  fit.slope_gain = std::sqrt((squares[1] + squares[2]) / 2) / scale;
-  // A centre that extrapolates more than it averages is no fit.
-  fit.is_valid = fit.is_valid && fit.noise_gain <= 1 && std::isfinite(fit.value);
-  return fit;
-}
-
-PointFit fit_connected(const DepthMap& depth, const Neighbours& neighbours, int row, int col,
-                       int radius_px) {
-  const int stride = (radius_px + kSparseRadius - 1) / kSparseRadius;
-  const auto points = connected_points(depth, neighbours, row, col, stride, radius_px);
-  PointFit fit;
-  if (points.size() >= kMinQuadricPoints) fit = fit_polynomial<6>(points, radius_px);
-  if (!fit.is_valid && points.size() >= kMinPlanePoints) {
-    fit = fit_polynomial<3>(points, radius_px);
-  }
-  return fit;
-}
-
-void store(const PointFit& fit, int row, int col, LocalFit& out) {
-  out.inverse_depth_per_mm.at(row, col) = fit.is_valid ? static_cast<float>(fit.value) : kNaN;
-  out.by_col.at(row, col) = fit.is_valid ? static_cast<float>(fit.by_x) : kNaN;
-  out.by_row.at(row, col) = fit.is_valid ? static_cast<float>(fit.by_y) : kNaN;
-  out.noise_gain.at(row, col) = fit.is_valid ? static_cast<float>(fit.noise_gain) : kNaN;
-  out.slope_gain.at(row, col) = fit.is_valid ? static_cast<float>(fit.slope_gain) : kNaN;
-}
 
 }  // namespace
 
-LocalFit fit_locally(const DepthMap& depth, const FitOptions& options) {
+void fit_locally(const DepthMap& depth, const FitOptions& options,
+                 const std::function<void(int row, const FitRow&)>& take) {
   const int height = depth.inverse_depth_per_mm.height_px;
-  const int width = depth.inverse_depth_per_mm.width_px;
   const Neighbours neighbours{depth, static_cast<float>(options.max_relative_step)};
   const Prepared prepared = prepare(depth, neighbours);
-  const SumTable missing(prepared.is_missing), jumps(prepared.is_jump);
-  LocalFit fit;
-  for (Image<float>* image :
-       {&fit.inverse_depth_per_mm, &fit.by_col, &fit.by_row, &fit.noise_gain, &fit.slope_gain}) {
-    *image = Image<float>(height, width, 1, kNaN);
-  }
-  fit.is_near_discontinuity = Image<unsigned char>(height, width);
-
-  const FilterKernels kernels = make_kernels(options.radius_px);
+  const WindowFilter filter = make_filter(options.radius_px);
+  const ConnectedFit connected(neighbours, options.radius_px);
   const int band_count = (height + kRowsPerBand - 1) / kRowsPerBand;
-  for_rows(band_count, 1, [&](int band) {
-    filter_band(prepared, kernels, band * kRowsPerBand, std::min((band + 1) * kRowsPerBand, height),
-                fit);
+  oneapi::tbb::parallel_for(0, band_count, [&](int band) {
+    Band(depth, options, prepared, filter, connected, band * kRowsPerBand,
+         std::min((band + 1) * kRowsPerBand, height))
+        .run(take);
   });
-
-  const int radius = options.radius_px, near_radius = options.discontinuity_radius_px;
-  const double border_count = kBorderFrac * std::pow(2 * near_radius + 1, 2);
-  for_rows(height, 4, [&](int row) {
-    for (int col = 0; col < width; ++col) {
-      if (std::isnan(depth.inverse_depth_per_mm.at(row, col))) {
-        store({}, row, col, fit);
-        continue;
-      }
-      const bool is_full = row >= radius && col >= radius && row + radius < height &&
-                           col + radius < width && missing.around(row, col, radius) == 0 &&
-                           jumps.around(row, col, radius) == 0;
-      if (!is_full) store(fit_connected(depth, neighbours, row, col, radius), row, col, fit);
-      fit.is_near_discontinuity.at(row, col) = jumps.around(row, col, near_radius) > 0 ||
-                                               missing.around(row, col, near_radius) > border_count;
-    }
-  });
-  return fit;
 }
 
 }  // namespace estimation

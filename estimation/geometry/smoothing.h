@@ -1,6 +1,9 @@
 // Local quadric fits to inverse depth, which is exact for planes, without crossing depth jumps.
 #pragma once
 
+#include <functional>
+#include <vector>
+
 #include "estimation/base/image.h"
 
 namespace estimation {
@@ -17,16 +20,18 @@ struct FitOptions {
   int discontinuity_radius_px = 4;
 };
 
-// NaN where the pixel has no depth or too few neighbours on its own surface.
-struct LocalFit {
-  Image<float> inverse_depth_per_mm;
-  Image<float> by_col, by_row;  // its derivatives, 1/(mm px)
-  Image<float> noise_gain;      // standard deviation after over before
-  Image<float> slope_gain;      // that of a derivative over before, 1/px; mean of the two axes
-  Image<unsigned char> is_near_discontinuity;
+// One row's fits, [col]; NaN where the pixel has no depth or too few neighbours on its own surface.
+struct FitRow {
+  std::vector<float> inverse_depth_per_mm;
+  std::vector<float> by_col, by_row;  // its derivatives, 1/(mm px)
+  std::vector<float> noise_gain;      // standard deviation after over before
+  std::vector<float> slope_gain;      // that of a derivative over before, 1/px; mean of two axes
+  std::vector<char> is_near_discontinuity;
 };
 
-// Same result for any number of threads. Thread-safe.
-LocalFit fit_locally(const DepthMap& depth, const FitOptions& options);
+// Gives each row to `take` once, in any order and from the threads of the caller's oneTBB arena;
+// the row lives as long as the call. Same result for any number of threads.
+void fit_locally(const DepthMap& depth, const FitOptions& options,
+                 const std::function<void(int row, const FitRow&)>& take);
 
 }  // namespace estimation

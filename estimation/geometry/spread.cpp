@@ -115,10 +115,19 @@ Amplitudes read_amplitudes(const Sweep& sweep, const Weights& weights, int row, 
   if (!std::isfinite(cosine[0])) return {};
   Amplitudes amplitudes;
   amplitudes.count = 1;
-  const double phase_rad = std::atan2(double{sine[0]}, double{cosine[0]});
+  const double length =
+      std::sqrt(double{cosine[0]} * double{cosine[0]} + double{sine[0]} * double{sine[0]});
+  if (!(length > 0)) return {};
+  // The first harmonic's direction, and its powers for the harmonics above.
+  const double c1 = double{cosine[0]} / length, s1 = double{sine[0]} / length;
+  double c = 1, s = 0;
+  int n = 0;
   for (std::size_t h = 0; h < kHarmonics; ++h) {
-    const double turned_rad = phase_rad * weights.harmonics[h];
-    const double c = std::cos(turned_rad), s = std::sin(turned_rad);
+    for (; n < weights.harmonics[h]; ++n) {
+      const double turned = c * c1 - s * s1;
+      s = s * c1 + c * s1;
+      c = turned;
+    }
     amplitudes.along[h] = double{cosine[h]} * c + double{sine[h]} * s;
     if (h == 1) amplitudes.second_across = double{sine[h]} * c - double{cosine[h]} * s;
   }

@@ -38,10 +38,10 @@ struct SpreadCells {
   int second_harmonic = 2;
   std::array<std::vector<std::optional<CellSpread>>, 3> bands;
 
-  const std::optional<CellSpread>& at(int band, int row, int col) const {
-    return bands[static_cast<std::size_t>(band)]
-                [static_cast<std::size_t>(row / side_px) * static_cast<std::size_t>(cols) +
-                 static_cast<std::size_t>(col / side_px)];
+  // Of the cell that pixel (row, col) lies in.
+  std::size_t index(int row, int col) const {
+    return static_cast<std::size_t>(row / side_px) * static_cast<std::size_t>(cols) +
+           static_cast<std::size_t>(col / side_px);
   }
 };
 

@@ -51,9 +51,9 @@ ProjectorReading reading_at(const Correspondence& correspondence, int row, int c
 
 // A coarse reading, as of Gray code without its low bits, may disagree by its own coarseness.
 double max_epipolar_px(const SurfaceOptions& options, const ProjectorReading& reading) {
-  const auto coarseness_px = [](double sd_px) { return std::isfinite(sd_px) ? sd_px : 0; };
+  const auto variance_px2 = [](double sd_px) { return std::isfinite(sd_px) ? sd_px * sd_px : 0; };
   return options.max_epipolar_px +
-         2 * std::hypot(coarseness_px(reading.column_sd_px), coarseness_px(reading.row_sd_px));
+         2 * std::sqrt(variance_px2(reading.column_sd_px) + variance_px2(reading.row_sd_px));
 }
 
 double max_depth_sd_mm(const SurfaceOptions& options, const Stereo::Ray& ray, double depth_mm) {
@@ -84,12 +84,12 @@ RawDepth triangulate_image(const Stereo& stereo, const Correspondence& correspon
   return raw;
 }
 
-// Of the values that are there; 0 if none is.
+// Of the values that are there, every seventh looked at; 0 if none is.
 double median_of(const Image<float>& image) {
+  constexpr std::size_t kStride = 7;
   std::vector<float> values;
-  for (const float value : image.samples()) {
-    if (!std::isnan(value)) values.push_back(value);
-  }
+  for (std::size_t i = 0; i < image.samples().size(); i += kStride)
+    if (!std::isnan(image.samples()[i])) values.push_back(image.samples()[i]);
   if (values.empty()) return 0;
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
@@ -152,12 +152,15 @@ std::optional<SurfacePoint> describe_point(const Stereo& stereo, const Stereo::R
   return point;
 }
 
-void store(const SurfacePoint& point, double sd_mm, double tilt_sd_rad, int row, int col,
-           Surface& out) {
+void store_shape(const SurfacePoint& point, int row, int col, Surface& out) {
   for (std::size_t i = 0; i < 3; ++i) {
     out.position_mm[i].at(row, col) = static_cast<float>(point.position_mm[static_cast<int>(i)]);
     out.normal[i].at(row, col) = static_cast<float>(point.normal[static_cast<int>(i)]);
   }
+}
+
+void store_light(const SurfacePoint& point, double sd_mm, double tilt_sd_rad, int row, int col,
+                 Surface& out) {
   out.column_pitch_mm.at(row, col) = static_cast<float>(point.column_pitch_mm);
   out.row_pitch_mm.at(row, col) = static_cast<float>(point.row_pitch_mm);
   out.cos_projector.at(row, col) = static_cast<float>(point.cos_projector);
@@ -167,18 +170,20 @@ void store(const SurfacePoint& point, double sd_mm, double tilt_sd_rad, int row,
   out.tilt_sd_rad.at(row, col) = static_cast<float>(tilt_sd_rad);
 }
 
-void finish_pixel(const Stereo& stereo, const RawDepth& raw, const LocalFit& fit,
-                  const SurfaceOptions& options, int row, int col, Surface& out) {
+void finish_pixel(const Stereo& stereo, const RawDepth& raw, const FitRow& fit,
+                  const SurfaceOptions& options, SurfaceParts parts, int row, int col,
+                  Surface& out) {
+  const auto i = static_cast<std::size_t>(col);
   std::uint32_t& validity = out.validity.at(row, col);
   if (validity & kValidityErrors) return;
   const bool is_smoothed = options.smoothing_radius_mm > 0;
   const double inverse_per_mm =
-      double{is_smoothed ? fit.inverse_depth_per_mm.at(row, col) : raw.inverse_per_mm.at(row, col)};
+      double{is_smoothed ? fit.inverse_depth_per_mm[i] : raw.inverse_per_mm.at(row, col)};
   const auto ray = stereo.ray(row, col);
   std::optional<SurfacePoint> point;
-  if (inverse_per_mm > 0 && !std::isnan(fit.by_col.at(row, col))) {
-    point = describe_point(stereo, *ray, inverse_per_mm, double{fit.by_col.at(row, col)},
-                           double{fit.by_row.at(row, col)});
+  if (inverse_per_mm > 0 && !std::isnan(fit.by_col[i])) {
+    point =
+        describe_point(stereo, *ray, inverse_per_mm, double{fit.by_col[i]}, double{fit.by_row[i]});
   }
   if (!point) {
     validity |= kNoCorrespondence;
@@ -187,49 +192,71 @@ void finish_pixel(const Stereo& stereo, const RawDepth& raw, const LocalFit& fit
   if (point->cos_projector < options.min_cos_projector) validity |= kGrazingProjector;
   if (point->cos_camera < options.min_cos_camera) validity |= kGrazingCamera;
   if (validity & kValidityErrors) return;
-  if (fit.is_near_discontinuity.at(row, col)) validity |= kNearDiscontinuity;
-  const double gain = is_smoothed ? double{fit.noise_gain.at(row, col)} : 1;
+  if (fit.is_near_discontinuity[i]) validity |= kNearDiscontinuity;
+  store_shape(*point, row, col, out);
+  if (parts == SurfaceParts::kShape) return;
+  const double gain = is_smoothed ? double{fit.noise_gain[i]} : 1;
   const double sd_mm = gain * double{raw.relative_sd.at(row, col)} * cv::norm(point->position_mm);
   // The normal's vector (normal_of) is as long as inverse depth over its part along the ray.
-  const double tilt_sd_rad = double{fit.slope_gain.at(row, col)} *
-                             double{raw.relative_sd.at(row, col)} * stereo.camera_focal_px() *
-                             cv::norm(ray->direction) * point->cos_camera;
-  store(*point, sd_mm, tilt_sd_rad, row, col, out);
+  const double tilt_sd_rad = double{fit.slope_gain[i]} * double{raw.relative_sd.at(row, col)} *
+                             stereo.camera_focal_px() * cv::norm(ray->direction) *
+                             point->cos_camera;
+  store_light(*point, sd_mm, tilt_sd_rad, row, col, out);
 }
 
-Surface empty_surface(const Image<std::uint32_t>& validity) {
-  Surface out;
-  const Image<float> nothing(validity.height_px(), validity.width_px(), 1, kNaN);
-  out.position_mm.fill(nothing);
-  out.normal.fill(nothing);
-  for (Image<float>* image :
-       {&out.column_pitch_mm, &out.row_pitch_mm, &out.cos_projector, &out.cos_camera,
-        &out.projector_distance_mm, &out.position_sd_mm, &out.tilt_sd_rad}) {
-    *image = nothing;
+std::vector<Image<float>*> images_of(Surface& surface, SurfaceParts parts) {
+  std::vector<Image<float>*> images;
+  for (std::size_t i = 0; i < 3; ++i) {
+    images.push_back(&surface.position_mm[i]);
+    images.push_back(&surface.normal[i]);
   }
-  out.validity = validity;
-  return out;
+  if (parts == SurfaceParts::kShape) return images;
+  for (Image<float>* image :
+       {&surface.column_pitch_mm, &surface.row_pitch_mm, &surface.cos_projector,
+        &surface.cos_camera, &surface.projector_distance_mm, &surface.position_sd_mm,
+        &surface.tilt_sd_rad})
+    images.push_back(image);
+  return images;
+}
+
+// All NaN. New memory is the system's to hand out, one image a thread.
+void clear(const std::vector<Image<float>*>& images, int height_px, int width_px) {
+  oneapi::tbb::parallel_for(std::size_t{0}, images.size(), [&](std::size_t i) {
+    Image<float>& image = *images[i];
+    if (image.height_px() == height_px && image.width_px() == width_px) {
+      std::fill(image.samples().begin(), image.samples().end(), kNaN);
+    } else {
+      image = Image<float>(height_px, width_px, 1, kNaN);
+    }
+  });
 }
 
 }  // namespace
 
-Surface reconstruct_surface(const Calibration& calibration, const CameraInfo& camera,
-                            const ProjectorInfo& projector, const Correspondence& correspondence,
-                            const SurfaceOptions& options) {
+void reconstruct_surface_into(const Calibration& calibration, const CameraInfo& camera,
+                              const ProjectorInfo& projector, const Correspondence& correspondence,
+                              const SurfaceOptions& options, SurfaceParts parts, Surface& out) {
   check(projector.width_px > 0 && projector.height_px > 0, "a projector without pixels");
   check(correspondence.validity.height_px() == camera.height_px &&
             correspondence.validity.width_px() == camera.width_px,
         "a correspondence of another size than the frames");
   const Stereo stereo(calibration, camera);
-  Surface out = empty_surface(correspondence.validity);
+  clear(images_of(out, parts), camera.height_px, camera.width_px);
+  out.validity = correspondence.validity;
   const RawDepth raw = triangulate_image(stereo, correspondence, options, out.validity);
-  const LocalFit fit = fit_locally({raw.inverse_per_mm.view(), raw.relative_sd.view()},
-                                   fit_options(options, raw, stereo.camera_focal_px()));
-  for_rows(camera.height_px, [&](int row) {
-    for (int col = 0; col < camera.width_px; ++col) {
-      finish_pixel(stereo, raw, fit, options, row, col, out);
-    }
-  });
+  fit_locally({raw.inverse_per_mm.view(), raw.relative_sd.view()},
+              fit_options(options, raw, stereo.camera_focal_px()), [&](int row, const FitRow& fit) {
+                for (int col = 0; col < camera.width_px; ++col)
+                  finish_pixel(stereo, raw, fit, options, parts, row, col, out);
+              });
+}
+
+Surface reconstruct_surface(const Calibration& calibration, const CameraInfo& camera,
+                            const ProjectorInfo& projector, const Correspondence& correspondence,
+                            const SurfaceOptions& options) {
+  Surface out;
+  reconstruct_surface_into(calibration, camera, projector, correspondence, options,
+                           SurfaceParts::kAll, out);
   return out;
 }
 

@@ -44,10 +44,21 @@ struct Surface {
   Image<std::uint32_t> validity;
 };
 
+// What of a surface is wanted.
+enum class SurfaceParts {
+  kShape,  // position_mm, normal and validity; the other images stay as they are
+  kAll
+};
+
 // Uses whichever axes `correspondence` has; at least one. Same result for any number of threads.
 // Thread-safe.
 Surface reconstruct_surface(const Calibration& calibration, const CameraInfo& camera,
                             const ProjectorInfo& projector, const Correspondence& correspondence,
                             const SurfaceOptions& options);
+
+// The same into `out`, whose memory is used again if it is of the frames' size.
+void reconstruct_surface_into(const Calibration& calibration, const CameraInfo& camera,
+                              const ProjectorInfo& projector, const Correspondence& correspondence,
+                              const SurfaceOptions& options, SurfaceParts parts, Surface& out);
 
 }  // namespace estimation

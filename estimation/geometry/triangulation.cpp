@@ -6,9 +6,13 @@ namespace estimation {
 namespace {
 
 constexpr int kMaxIterations = 20;
-constexpr double kRelativeTolerance = 1e-12;
+// Newton's next step would be the square of this.
+constexpr double kRelativeTolerance = 1e-9;
 
 double inverse_square(double sd) { return 1 / (sd * sd); }
+
+// std::hypot looks after overflow, for ten times the time.
+double root_of_squares(double a, double b) { return std::sqrt(a * a + b * b); }
 
 // A reading without an error of its own still needs a finite weight.
 constexpr double kLeastSdPx = 1e-6;
@@ -73,8 +77,8 @@ std::optional<double> Stereo::first_depth_mm(const Vec3& direction,
 std::optional<Stereo::Depth> Stereo::triangulate(const Ray& ray,
                                                  const ProjectorReading& given) const {
   ProjectorReading reading = given;
-  reading.column_sd_px = std::hypot(given.column_sd_px, kLeastSdPx);
-  reading.row_sd_px = std::hypot(given.row_sd_px, kLeastSdPx);
+  reading.column_sd_px = root_of_squares(given.column_sd_px, kLeastSdPx);
+  reading.row_sd_px = root_of_squares(given.row_sd_px, kLeastSdPx);
   const double column_weight = inverse_square(reading.column_sd_px);
   const double row_weight = inverse_square(reading.row_sd_px);
   std::optional<double> depth_mm = first_depth_mm(ray.direction, reading);
@@ -99,7 +103,7 @@ std::optional<Stereo::Depth> Stereo::triangulate(const Ray& ray,
     const bool has_both = column_weight > 0 && row_weight > 0;
     const double epipolar_px =
         has_both ? std::abs(column_residual * row_slope - row_residual * column_slope) /
-                       std::hypot(column_slope, row_slope)
+                       root_of_squares(column_slope, row_slope)
                  : 0;
     return Depth{*depth_mm, 1 / std::sqrt(precision), epipolar_px};
   }
