@@ -22,7 +22,7 @@ namespace hw_sim {
 struct SceneOptions {
   std::string name = "face_female";  // see scene.h
   ScatteringModel scattering = ScatteringModel::kDipole;
-  int photons_per_angle = 1'000'000;  // of Monte Carlo: reflectances within 0.1%
+  int photons_per_angle = 3'000'000;  // of Monte Carlo, see scatter_table.h
   Effects effects;
   bool has_indirect = true;            // light between parts of the face
   int bounces = 3;                     // of it

@@ -4,61 +4,23 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <atomic>
 #include <bit>
 #include <cmath>
 #include <fstream>
 #include <mutex>
-#include <numbers>
-#include <span>
+#include <opencv2/core.hpp>
 #include <string>
 
+#include "hw_sim/world/layer_doubling.h"
 #include "hw_sim/world/white_walk.h"
 
 namespace hw_sim {
 
 namespace {
 
-constexpr std::uint64_t kVersion = 5;  // of what a file holds
-constexpr double kTailFrac = 1e-4;
-constexpr std::size_t kStrands = 16;  // of photons, each with its own sums: fixed, so that threads
-                                      // do not change the numbers
-
-// Knots are where a float's exponent and first three bits of mantissa change.
-constexpr int kFractionBits = 20;
-constexpr std::uint32_t kFractionMask = (1U << kFractionBits) - 1;
-constexpr float kFractionScale = 1.0F / static_cast<float>(1U << kFractionBits);
-const std::uint32_t kFirstBits =
-    std::bit_cast<std::uint32_t>(std::ldexp(1.0F, SkinKernel::kFirstExponent));
-
-struct Place {
-  std::size_t knot = 0;  // below
-  float fraction = 0;    // of the way to the next
-};
-
-Place place_of(float r2) {
-  const std::uint32_t bits = std::max(std::bit_cast<std::uint32_t>(r2), kFirstBits);
-  const std::size_t knot = (bits - kFirstBits) >> kFractionBits;
-  if (knot + 1 >= SkinKernel::kKnots) return {SkinKernel::kKnots - 2, 1};
-  return {knot, static_cast<float>(bits & kFractionMask) * kFractionScale};
-}
-
-double knot_r2(std::size_t knot) {
-  return static_cast<double>(
-      std::bit_cast<float>(kFirstBits + (static_cast<std::uint32_t>(knot) << kFractionBits)));
-}
-
-// The integral of knot k's hat over the plane: hats are linear in r^2, and dA = pi d(r^2).
-std::array<double, SkinKernel::kKnots> knot_areas() {
-  std::array<double, SkinKernel::kKnots> areas{};
-  for (std::size_t k = 0; k < areas.size(); ++k) {
-    const double below = k == 0 ? 0 : knot_r2(k - 1);
-    const double above = k + 1 < areas.size() ? knot_r2(k + 1) : knot_r2(k);
-    areas[k] = std::numbers::pi * (above - below) / 2;
-    if (k == 0) areas[k] += std::numbers::pi * knot_r2(0) / 2;  // flat within the first knot
-  }
-  return areas;
-}
+constexpr std::uint64_t kVersion = 9;  // of what a file holds
+constexpr std::size_t kStrands = 16;   // of photons, each with its own sums: fixed, so that threads
+                                       // do not change the numbers
 
 double ratio_at(std::size_t i, std::size_t count) {
   const double share = static_cast<double>(i) / static_cast<double>(count - 1);
@@ -66,98 +28,102 @@ double ratio_at(std::size_t i, std::size_t count) {
          std::pow(ScatterTable::kGreatestRatio / ScatterTable::kLeastRatio, share);
 }
 
-// How the radiance falls with the angle of exit, roughly: what the boundary lets through. What the
-// table holds is the share of it, which varies so little with the angle that linear hats, whose
-// means stand for their middle, lose little.
-double typical_radiance(double exit_rad) {
-  return 1 - fresnel_reflectance(std::cos(exit_rad), 1, kSkinIndex);
+const ExitProjection& exit_projection() {
+  static const ExitProjection kProjection;
+  return kProjection;
 }
 
-// 2 times the integral of node j's hat times sin^n over the hemisphere with Lambert's cosine: what
-// an exit of the typical radiance would put there. The last node's hat is flat to the horizon.
-double typical_share(std::span<const double> nodes, std::size_t j, int power) {
-  constexpr int kSteps = 4000;
-  double sum = 0;
-  for (int i = 0; i < kSteps; ++i) {
-    const double angle = (i + 0.5) / kSteps * std::numbers::pi / 2;
-    double hat = 0;
-    if (j + 1 == nodes.size() && angle >= nodes[j])
-      hat = 1;
-    else if (j > 0 && angle >= nodes[j - 1] && angle < nodes[j])
-      hat = (angle - nodes[j - 1]) / (nodes[j] - nodes[j - 1]);
-    else if (j + 1 < nodes.size() && angle >= nodes[j] && angle < nodes[j + 1])
-      hat = (nodes[j + 1] - angle) / (nodes[j + 1] - nodes[j]);
-    sum += hat * 2 * std::sin(angle) * std::cos(angle) * std::pow(std::sin(angle), power) *
-           typical_radiance(angle);
+// At each knot, what a cubic in the logarithm of the radius through the knots around it says, by
+// least squares.
+class RadialSmoother {
+ public:
+  struct Tap {
+    std::size_t knot = 0;
+    float weight = 0;
+  };
+  RadialSmoother() {
+    for (std::size_t knot = 0; knot < RadialKnots::kCount; ++knot) fit(knot);
   }
-  return sum * std::numbers::pi / 2 / kSteps;
+  const std::vector<Tap>& taps(std::size_t knot) const { return taps_[knot]; }
+
+ private:
+  static constexpr std::size_t kReach = 6;  // knots on either side: a factor of 1.3 in radius
+  static constexpr int kTerms = 4;
+
+  void fit(std::size_t knot) {
+    const std::size_t begin = knot < kReach ? 0 : knot - kReach;
+    const std::size_t end = std::min(RadialKnots::kCount, knot + kReach + 1);
+    cv::Matx<double, kTerms, kTerms> normal_matrix;
+    const auto basis = [&](std::size_t other) {
+      const double x = std::log(RadialKnots::r2(other) / RadialKnots::r2(knot));
+      return cv::Vec<double, kTerms>(1, x, x * x, x * x * x);
+    };
+    for (std::size_t other = begin; other < end; ++other)
+      normal_matrix += basis(other) * basis(other).t();
+    const cv::Matx<double, kTerms, kTerms> inverse = normal_matrix.inv(cv::DECOMP_CHOLESKY);
+    for (std::size_t other = begin; other < end; ++other) {
+      const cv::Vec<double, kTerms> terms = inverse * basis(other);
+      taps_[knot].push_back(
+          {other, static_cast<float>(terms[0] * RadialKnots::r2(other) / RadialKnots::r2(knot))});
+    }
+  }
+
+  std::array<std::vector<Tap>, RadialKnots::kCount> taps_;
+};
+
+std::size_t order_of(int m, int k) {
+  const auto found = std::find_if(kOrders.begin(), kOrders.end(), [&](const AngularOrder& order) {
+    return order.m == m && order.k == k;
+  });
+  return static_cast<std::size_t>(found - kOrders.begin());
 }
 
 }  // namespace
 
-SkinKernel::Ring SkinKernel::ring(std::size_t knot) const {
-  static const auto areas = knot_areas();
-  Ring ring;
-  ring.radius_mm = std::sqrt(knot_r2(knot) / static_cast<double>(scale2_));
-  ring.area_mm2 = areas[knot] / static_cast<double>(scale2_);
-  for (std::size_t i = 0; i < kTerms; ++i) ring.terms[i] = static_cast<double>(knots_[knot][i]);
-  return ring;
-}
-
-float SkinKernel::at(float distance2_mm2, float x_mm, float y_mm) const {
-  const Place place = place_of(distance2_mm2 * scale2_);
-  const std::array<float, 8>& low = knots_[place.knot];
-  const std::array<float, 8>& high = knots_[place.knot + 1];
-  const auto term = [&](std::size_t i) { return low[i] + place.fraction * (high[i] - low[i]); };
-  const float across2 = x_mm * x_mm + y_mm * y_mm;
-  if (!(across2 > 0)) return term(0);
-  const float inverse = 1 / std::sqrt(across2);
-  const float c = x_mm * inverse, s = y_mm * inverse;
-  return term(0) + c * term(1) + s * term(2) + (c * c - s * s) * term(3) + 2 * c * s * term(4);
-}
-
 // What one task sums up for one incidence.
 struct ScatterTable::Strand {
-  std::vector<float> moments = std::vector<float>(index(1, 0, 0, 0), 0.0F);
   // Ratios innermost: one exit adds to all of them.
-  static std::size_t place(std::size_t exit, std::size_t knot, std::size_t ratio) {
-    return ((exit * SkinKernel::kKnots + knot) * kRatios + ratio) * kStride;
+  static std::size_t place(std::size_t term, std::size_t knot, std::size_t ratio) {
+    return ((term * RadialKnots::kCount + knot) * kRatios + ratio) * kAngularStride;
   }
-  std::array<double, kRatios> totals{};
+  std::vector<float> sums = std::vector<float>(place(ExitProjection::kTerms, 0, 0), 0.0F);
+  // [knot][ratio] of squared weights: where the noise is.
+  std::vector<float> squares = std::vector<float>(RadialKnots::kCount * kRatios, 0.0F);
 
   void score(const PhotonExit& exit, const std::array<double, kRatios>& ratios) {
-    const double exit_rad = std::acos(std::min(exit.cos_exit, 1.0));
-    const auto exits = angle_corners(kExits_rad, exit_rad);
     const double r2 = exit.x * exit.x + exit.y * exit.y;
-    const Place at = place_of(static_cast<float>(r2));
     const double r = std::sqrt(std::max(r2, 1e-30));
+    const RadialKnots::Place at = RadialKnots::place_of(static_cast<float>(r2));
     const double ca = exit.x / r, sa = exit.y / r;
     const double cb = exit.cos_azimuth, sb = exit.sin_azimuth;
-    const std::array<double, 3> cos_a = {1, ca, ca * ca - sa * sa};
-    const std::array<double, 3> cos_b = {1, cb, cb * cb - sb * sb};
-    const std::array<double, 2> sin_a = {sa, 2 * ca * sa}, sin_b = {sb, 2 * cb * sb};
-    std::array<float, kStride> shape{};
-    for (std::size_t m = 0; m < 3; ++m)
-      for (std::size_t n = 0; n < 3; ++n)
-        shape[3 * m + n] = static_cast<float>(cos_a[m] * cos_b[n]);
-    for (std::size_t m = 0; m < 2; ++m)
-      for (std::size_t n = 0; n < 2; ++n)
-        shape[9 + 2 * m + n] = static_cast<float>(sin_a[m] * sin_b[n]);
+    const std::array<double, 3> cos_a = {1, ca, ca * ca - sa * sa}, sin_a = {0, sa, 2 * ca * sa};
+    const std::array<double, 3> cos_b = {1, cb, cb * cb - sb * sb}, sin_b = {0, sb, 2 * cb * sb};
+    const auto terms = exit_projection().terms(1 - exit.cos_exit * exit.cos_exit);
+    std::array<std::array<float, kAngularStride>, ExitProjection::kTerms> shapes{};
+    for (std::size_t i = 0; i < kAngularOrders; ++i) {
+      const auto m = static_cast<std::size_t>(kOrders[i].m);
+      const auto k = static_cast<std::size_t>(power_of(kOrders[i].k));
+      const double wave = cos_a[m] * cos_b[k] - (kOrders[i].k < 0 ? -1 : 1) * sin_a[m] * sin_b[k];
+      for (std::size_t term = 0; term < shapes.size(); ++term)
+        shapes[term][i] = static_cast<float>(wave * terms[term][k]);
+    }
     std::array<float, kRatios> weights{};
     std::size_t count = 0;  // of the ratios at which anything is left
     for (; count < kRatios; ++count) {
       const double weight = exit.weight * std::exp(-ratios[count] * exit.path_length);
       if (weight < 1e-9) break;
-      totals[count] += weight;
       weights[count] = static_cast<float>(weight);
     }
-    for (const Corner& corner : exits)
+    float* square = &squares[at.knot * kRatios];
+    for (std::size_t ratio = 0; ratio < count; ++ratio)
+      square[ratio] += weights[ratio] * weights[ratio];
+    for (std::size_t term = 0; term < shapes.size(); ++term)
       for (std::size_t side = 0; side < 2; ++side) {
-        const float share =
-            static_cast<float>(corner.weight) * (side == 0 ? 1 - at.fraction : at.fraction);
-        float* sums = &moments[place(corner.at, at.knot + side, 0)];
-        for (std::size_t ratio = 0; ratio < count; ++ratio, sums += kStride)
-          for (std::size_t i = 0; i < kStride; ++i) sums[i] += share * weights[ratio] * shape[i];
+        const float share = side == 0 ? 1 - at.fraction : at.fraction;
+        float* sum = &sums[place(term, at.knot + side, 0)];
+        for (std::size_t ratio = 0; ratio < count; ++ratio, sum += kAngularStride)
+          for (std::size_t i = 0; i < kAngularStride; ++i)
+            sum[i] += share * weights[ratio] * shapes[term][i];
       }
   }
 };
@@ -166,47 +132,126 @@ ScatterTable ScatterTable::make(int photons_per_angle, std::uint64_t seed,
                                 const std::function<void(double)>& progress) {
   std::array<double, kRatios> ratios{};
   for (std::size_t i = 0; i < kRatios; ++i) ratios[i] = ratio_at(i, kRatios);
-  const auto areas = knot_areas();
   ScatterTable table;
-  table.moments_.resize(index(kIncidences_rad.size(), 0, 0, 0));
+  table.orders_.resize(kRatios * kRatioSize);
   const int per_strand = std::max(1, photons_per_angle / static_cast<int>(kStrands));
-  const double photons = static_cast<double>(per_strand) * static_cast<double>(kStrands);
+  Noise noise(RadialKnots::kCount * kRatios, 0.0);
   std::mutex progress_mutex;
   std::size_t done = 0;  // guarded by progress_mutex
-  for (std::size_t incidence = 0; incidence < kIncidences_rad.size(); ++incidence) {
+  for (std::size_t incidence = 0; incidence < kAngleNodes; ++incidence) {
+    const double incidence_rad = std::asin(std::sqrt(kNodeSines2[incidence]));
     std::vector<Strand> strands(kStrands);
     tbb::parallel_for(std::size_t{0}, kStrands, [&](std::size_t s) {
       PhotonRandom random(seed + 1000 * incidence + s);
       for (int photon = 0; photon < per_strand; ++photon)
-        walk_photon(kIncidences_rad[incidence], random,
+        walk_photon(incidence_rad, random,
                     [&](const PhotonExit& exit) { strands[s].score(exit, ratios); });
       const std::lock_guard lock(progress_mutex);
       ++done;
-      if (progress)
-        progress(static_cast<double>(done) /
-                 static_cast<double>(kStrands * kIncidences_rad.size()));
+      if (progress) progress(static_cast<double>(done) / double{kStrands * kAngleNodes});
     });
-    for (std::size_t ratio = 0; ratio < kRatios; ++ratio) {
-      if (incidence == 0)
-        for (const Strand& strand : strands) table.totals_[ratio] += strand.totals[ratio] / photons;
-      for (std::size_t exit = 0; exit < kExits_rad.size(); ++exit)
-        for (std::size_t i = 0; i < kMoments; ++i) {
-          const std::size_t n = i < 9 ? i % 3 : 1 + (i - 9) % 2;  // order of the exit's azimuth
-          const std::size_t m = i < 9 ? i / 3 : 1 + (i - 9) / 2;
-          // cos and sin series: twice the mean, but for the order 0.
-          const double norm = (m > 0 ? 2.0 : 1.0) * (n > 0 ? 2.0 : 1.0) /
-                              (photons * typical_share(kExits_rad, exit, static_cast<int>(n)));
-          for (std::size_t knot = 0; knot < SkinKernel::kKnots; ++knot) {
-            double sum = 0;
-            for (const Strand& strand : strands)
-              sum += static_cast<double>(strand.moments[Strand::place(exit, knot, ratio) + i]);
-            table.moments_[index(incidence, exit, ratio, knot) + i] =
-                static_cast<float>(sum * norm / areas[knot]);
-          }
-        }
-    }
+    table.take(strands, incidence, static_cast<double>(per_strand) * double{kStrands});
+    for (const Strand& strand : strands)
+      for (std::size_t i = 0; i < noise.size(); ++i)
+        noise[i] += static_cast<double>(strand.squares[i]);
   }
+  table.make_reciprocal();
+  table.smooth_over_radius();
+  table.set_totals(noise);
   return table;
+}
+
+void ScatterTable::take(const std::vector<Strand>& strands, std::size_t incidence, double photons) {
+  const auto& areas = RadialKnots::areas();
+  for (std::size_t ratio = 0; ratio < kRatios; ++ratio) {
+    for (std::size_t knot = 0; knot < RadialKnots::kCount; ++knot)
+      for (std::size_t i = 0; i < kAngularOrders; ++i) {
+        std::array<double, ExitProjection::kTerms> sums{};
+        for (const Strand& strand : strands)
+          for (std::size_t term = 0; term < sums.size(); ++term)
+            sums[term] += static_cast<double>(strand.sums[Strand::place(term, knot, ratio) + i]);
+        // A series of cosines: twice the mean, but for the order 0.
+        const double norm = (i > 0 ? 2 : 1) / (photons * areas[knot]);
+        const auto power = static_cast<std::size_t>(power_of(kOrders[i].k));
+        for (std::size_t exit = 0; exit < kAngleNodes; ++exit)
+          orders_[index(ratio, incidence, exit, knot) + i] =
+              static_cast<float>(norm * exit_projection().at_node(exit, power, sums));
+      }
+  }
+}
+
+// Photons that leave at 3 mm rather than 3.1 mm say something of stripes 0.5 mm wide only by their
+// noise: over the logarithm of the radius light varies slowly, so cubics through the knots around
+// each say the same of the mean with less of it. Fitted to r^2 K, which is nearly even there.
+void ScatterTable::smooth_over_radius() {
+  const RadialSmoother smoother;
+  using Line = std::array<std::array<float, kAngularStride>, RadialKnots::kCount>;
+  for (std::size_t ratio = 0; ratio < kRatios; ++ratio)
+    for (std::size_t in = 0; in < kAngleNodes; ++in)
+      for (std::size_t out = 0; out < kAngleNodes; ++out) {
+        Line smooth{};
+        const float* from = &orders_[index(ratio, in, out, 0)];
+        for (std::size_t knot = 0; knot < RadialKnots::kCount; ++knot)
+          for (const RadialSmoother::Tap& tap : smoother.taps(knot))
+            for (std::size_t i = 0; i < kAngularOrders; ++i)
+              smooth[knot][i] += tap.weight * from[tap.knot * kAngularStride + i];
+        std::copy_n(smooth.front().data(), smooth.size() * kAngularStride,
+                    &orders_[index(ratio, in, out, 0)]);
+      }
+}
+
+// What all places reflect together needs no photons: the photons' noise in it is taken out, from
+// each place its share of it.
+void ScatterTable::set_totals(const Noise& noise) {
+  const auto& areas = RadialKnots::areas();
+  tbb::parallel_for(std::size_t{0}, kRatios, [&](std::size_t ratio) {
+    const HalfSpaceTotals wanted = half_space_totals(ratio_at(ratio, kRatios));
+    totals_[ratio] = wanted.reflectance;
+    double all_noise = 1e-30;
+    for (std::size_t knot = 0; knot < RadialKnots::kCount; ++knot)
+      all_noise += noise[knot * kRatios + ratio];
+    for (std::size_t in = 0; in < kAngleNodes; ++in)
+      for (std::size_t out = 0; out < kAngleNodes; ++out)
+        for (std::size_t k = 0; k < 3; ++k) {
+          const auto value = [&](std::size_t knot) -> float& {
+            return orders_[index(ratio, in, out, knot) + k];
+          };
+          double missing = wanted.by_direction[k][in][out];
+          for (std::size_t knot = 0; knot < RadialKnots::kCount; ++knot)
+            missing -= areas[knot] * static_cast<double>(value(knot));
+          for (std::size_t knot = 0; knot < RadialKnots::kCount; ++knot)
+            value(knot) += static_cast<float>(missing * noise[knot * kRatios + ratio] /
+                                              (all_noise * areas[knot]));
+        }
+  });
+}
+
+// Light and eye may change places: the way in becomes the way out, from -r, all azimuths now from
+// the old exit: g_mk(in, exit) = g_m,-(m+k)(exit, in). Two walks that say the same are one of less
+// noise; each counts as its own noise allows.
+void ScatterTable::make_reciprocal() {
+  for (std::size_t i = 0; i < kAngularOrders; ++i) {
+    const auto out_power = static_cast<std::size_t>(power_of(kOrders[i].k));
+    const auto in_power = static_cast<std::size_t>(power_of(kOrders[i].m + kOrders[i].k));
+    const int k = -(kOrders[i].m + kOrders[i].k);
+    const std::size_t other = order_of(kOrders[i].m, kOrders[i].m == 0 ? power_of(k) : k);
+    if (other < i || other == kAngularOrders) continue;  // done with the other, or not tabulated
+    for (std::size_t in = 0; in < kAngleNodes; ++in)
+      for (std::size_t out = 0; out < kAngleNodes; ++out) {
+        if (other == i && out < in) continue;
+        const double variance = exit_projection().variance_at_node(out, out_power);
+        const double other_variance = exit_projection().variance_at_node(in, in_power);
+        const double share =
+            variance + other_variance > 0 ? other_variance / (variance + other_variance) : 0;
+        for (std::size_t ratio = 0; ratio < kRatios; ++ratio)
+          for (std::size_t knot = 0; knot < RadialKnots::kCount; ++knot) {
+            float& here = orders_[index(ratio, in, out, knot) + i];
+            float& there = orders_[index(ratio, out, in, knot) + other];
+            here = there = static_cast<float>(share * static_cast<double>(here) +
+                                              (1 - share) * static_cast<double>(there));
+          }
+      }
+  }
 }
 
 std::array<ScatterTable::Corner, 4> ScatterTable::ratio_corners(double ratio) {
@@ -227,15 +272,6 @@ std::array<ScatterTable::Corner, 4> ScatterTable::ratio_corners(double ratio) {
   return corners;
 }
 
-std::array<ScatterTable::Corner, 2> ScatterTable::angle_corners(const std::array<double, 5>& nodes,
-                                                                double angle_rad) {
-  std::size_t above = 1;
-  while (above + 1 < nodes.size() && nodes[above] < angle_rad) ++above;
-  const double fraction =
-      std::clamp((angle_rad - nodes[above - 1]) / (nodes[above] - nodes[above - 1]), 0.0, 1.0);
-  return {{{above - 1, 1 - fraction}, {above, fraction}}};
-}
-
 double ScatterTable::total_reflectance(const Scattering& scattering) const {
   double total = 0;
   for (const Corner& corner :
@@ -244,53 +280,17 @@ double ScatterTable::total_reflectance(const Scattering& scattering) const {
   return total;
 }
 
-SkinKernel ScatterTable::kernel(const Scattering& scattering, const LightPath& path) const {
-  using Sums = std::array<float, kStride>;
-  std::array<Sums, SkinKernel::kKnots> sums{};
-  for (const Corner& ratio :
-       ratio_corners(scattering.sigma_a_per_mm / scattering.sigma_s_prime_per_mm))
-    for (const Corner& incidence : angle_corners(kIncidences_rad, path.incidence_rad))
-      for (const Corner& exit : angle_corners(kExits_rad, path.exit_rad)) {
-        const auto weight = static_cast<float>(ratio.weight * incidence.weight * exit.weight);
-        if (weight == 0) continue;
-        const float* from = &moments_[index(incidence.at, exit.at, ratio.at, 0)];
-        for (Sums& sum : sums) {
-          for (std::size_t i = 0; i < kStride; ++i) sum[i] += weight * from[i];
-          from += kStride;
-        }
-      }
-  const double sine = std::sin(path.exit_rad), b = path.exit_azimuth_rad;
-  const std::array<double, 3> cos_b = {1, sine * std::cos(b), sine * sine * std::cos(2 * b)};
-  const std::array<double, 2> sin_b = {sine * std::sin(b), sine * sine * std::sin(2 * b)};
-  const double scale2 = scattering.sigma_s_prime_per_mm * scattering.sigma_s_prime_per_mm;
-  const double radiance = scale2 * typical_radiance(path.exit_rad);
-  SkinKernel kernel;
-  kernel.scale2_ = static_cast<float>(scale2);
-  static const auto areas = knot_areas();
-  for (std::size_t knot = 0; knot < sums.size(); ++knot) {
-    const auto cosines = [&](std::size_t m) {
-      double sum = 0;
-      for (std::size_t n = 0; n < 3; ++n)
-        sum += cos_b[n] * static_cast<double>(sums[knot][3 * m + n]);
-      return static_cast<float>(radiance * sum);
-    };
-    const auto sines = [&](std::size_t m) {
-      double sum = 0;
-      for (std::size_t n = 0; n < 2; ++n)
-        sum += sin_b[n] * static_cast<double>(sums[knot][9 + 2 * (m - 1) + n]);
-      return static_cast<float>(radiance * sum);
-    };
-    kernel.knots_[knot] = {cosines(0), cosines(1), sines(1), cosines(2), sines(2), 0, 0, 0};
-    kernel.total_ += static_cast<double>(kernel.knots_[knot][0]) * areas[knot] / scale2;
+SkinMaterial ScatterTable::material(const Scattering& scattering) const {
+  SkinMaterial material;
+  material.scattering_ = scattering;
+  material.orders_.assign(kRatioSize, 0.0F);
+  for (const Corner& corner :
+       ratio_corners(scattering.sigma_a_per_mm / scattering.sigma_s_prime_per_mm)) {
+    const float* from = &orders_[corner.at * kRatioSize];
+    const auto weight = static_cast<float>(corner.weight);
+    for (std::size_t i = 0; i < kRatioSize; ++i) material.orders_[i] += weight * from[i];
   }
-  double beyond = 0;
-  std::size_t last = SkinKernel::kKnots - 1;
-  while (last > 0 && beyond < kTailFrac * kernel.total_) {
-    beyond += static_cast<double>(kernel.knots_[last][0]) * areas[last] / scale2;
-    --last;
-  }
-  kernel.radius_mm_ = std::sqrt(knot_r2(last + 1) / scale2);
-  return kernel;
+  return material;
 }
 
 ScatterTable ScatterTable::cached(const std::filesystem::path& folder, int photons_per_angle,
@@ -310,9 +310,9 @@ bool ScatterTable::load(const std::filesystem::path& file, std::uint64_t key) {
   std::uint64_t stored = 0, sum = 0;
   in.read(reinterpret_cast<char*>(&stored), sizeof(stored));
   if (!in || stored != key) return false;
-  moments_.resize(index(kIncidences_rad.size(), 0, 0, 0));
-  in.read(reinterpret_cast<char*>(moments_.data()),
-          static_cast<std::streamsize>(moments_.size() * sizeof(float)));
+  orders_.resize(kRatios * kRatioSize);
+  in.read(reinterpret_cast<char*>(orders_.data()),
+          static_cast<std::streamsize>(orders_.size() * sizeof(float)));
   in.read(reinterpret_cast<char*>(totals_.data()), sizeof(totals_));
   in.read(reinterpret_cast<char*>(&sum), sizeof(sum));
   return in.good() && in.peek() == std::ifstream::traits_type::eof() && sum == checksum();
@@ -327,8 +327,8 @@ void ScatterTable::save(const std::filesystem::path& file, std::uint64_t key) co
     std::ofstream out(temporary, std::ios::binary);
     const std::uint64_t sum = checksum();
     out.write(reinterpret_cast<const char*>(&key), sizeof(key));
-    out.write(reinterpret_cast<const char*>(moments_.data()),
-              static_cast<std::streamsize>(moments_.size() * sizeof(float)));
+    out.write(reinterpret_cast<const char*>(orders_.data()),
+              static_cast<std::streamsize>(orders_.size() * sizeof(float)));
     out.write(reinterpret_cast<const char*>(totals_.data()), sizeof(totals_));
     out.write(reinterpret_cast<const char*>(&sum), sizeof(sum));
     out.flush();
@@ -340,7 +340,7 @@ void ScatterTable::save(const std::filesystem::path& file, std::uint64_t key) co
 
 std::uint64_t ScatterTable::checksum() const {
   std::uint64_t state = 0xCBF29CE484222325U;
-  for (const float value : moments_) {
+  for (const float value : orders_) {
     state = (state ^ std::bit_cast<std::uint32_t>(value)) * 0x9FB21C651E98DF25U;
     state ^= state >> 32;
   }

@@ -30,7 +30,7 @@ double fade(double t) {
 
 }  // namespace
 
-SkinAround::SkinAround(const ScatterTable& table, const SeenSample& sample,
+SkinAround::SkinAround(const SkinMaterial& material, const SeenSample& sample,
                        const ProjectorLight& light)
     : light_(light), point_(vec(sample.point_mm)) {
   const Vec3 normal = vec(sample.normal);
@@ -47,8 +47,7 @@ SkinAround::SkinAround(const ScatterTable& table, const SeenSample& sample,
                ? in_plane / cv::norm(in_plane)
                : (any - any.dot(normal) * normal) / cv::norm(any - any.dot(normal) * normal);
   across_ = normal.cross(along_);
-  kernel_ = table.kernel(
-      sample.scattering,
+  kernel_ = material.kernel(
       {.incidence_rad = std::acos(cos_in),
        .exit_rad = std::acos(cos_out),
        .exit_azimuth_rad = std::atan2(towards_eye.dot(across_), towards_eye.dot(along_))});

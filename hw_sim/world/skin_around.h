@@ -7,14 +7,15 @@
 #include <vector>
 
 #include "hw_sim/world/projector_light.h"
-#include "hw_sim/world/scatter_table.h"
+#include "hw_sim/world/skin_kernel.h"
 #include "hw_sim/world/transport.h"
 
 namespace hw_sim {
 
 class SkinAround {
  public:
-  SkinAround(const ScatterTable& table, const SeenSample& sample, const ProjectorLight& light);
+  // material: the sample's
+  SkinAround(const SkinMaterial& material, const SeenSample& sample, const ProjectorLight& light);
 
   float radius2_mm2() const { return radius2_; }
   double radius_mm() const { return kernel_.radius_mm(); }

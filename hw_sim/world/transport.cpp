@@ -13,6 +13,7 @@
 #include <ostream>
 #include <utility>
 
+#include "hw_sim/world/scatter_table.h"
 #include "hw_sim/world/skin_around.h"
 
 namespace hw_sim {
@@ -162,17 +163,32 @@ struct Transport::Worker {
   const ScatterTable* table;
   const LightLattice& coarse;
   const LightLattice& fine;  // `coarse` where no sample needs the finer one
-  std::vector<std::uint16_t> responses;
-  // Neighbours mostly share their material: keep its dipole.
-  Scattering scattering;
-  KernelTable kernel;
+  std::vector<std::uint16_t> responses = {};
+  // Neighbours mostly share their material: keep its dipole, or of Monte Carlo the latest few, as
+  // the bands of a Bayer pattern take turns.
+  Scattering scattering = {};
+  KernelTable kernel = {};
+  static constexpr std::size_t kMaterials = 4;
+  std::vector<SkinMaterial> materials = {};
+  std::size_t next_material = 0;
   double radius_mm = 0;
+
+  const SkinMaterial& material_of(const Scattering& wanted) {
+    const auto found =
+        std::find_if(materials.begin(), materials.end(),
+                     [&](const SkinMaterial& each) { return each.scattering() == wanted; });
+    if (found != materials.end()) return *found;
+    if (materials.size() < kMaterials) return materials.emplace_back(table->material(wanted));
+    SkinMaterial& oldest = materials[next_material++ % kMaterials];
+    oldest = table->material(wanted);
+    return oldest;
+  }
 
   // Calls use(around) with what surrounds the sample; sets radius_mm.
   template <typename Use>
   void around(const SeenSample& sample, const Use& use) {
     if (table != nullptr) {
-      const SkinAround skin(*table, sample, light);
+      const SkinAround skin(material_of(sample.scattering), sample, light);
       radius_mm = skin.radius_mm();
       use(skin);
       return;
@@ -284,7 +300,7 @@ Transport Transport::build(const std::vector<SeenSample>& samples, const Project
   std::mutex progress_mutex;
   std::size_t done_count = 0;  // guarded by progress_mutex
   tbb::parallel_for(std::size_t{0}, chunk_count, [&](std::size_t chunk) {
-    Worker worker{light, table, coarse, fine, {}, {}, {}};
+    Worker worker{.light = light, .table = table, .coarse = coarse, .fine = fine};
     const std::size_t end = std::min(samples.size(), (chunk + 1) * kChunk);
     for (std::size_t i = chunk * kChunk; i < end; ++i)
       transport.entries_[i] = worker.measure(samples[i]);
@@ -434,7 +450,7 @@ void Transport::add_rest(estimation::ImageView<const unsigned char> brightness,
   tbb::parallel_for(
       tbb::blocked_range<std::size_t>(0, entries_.size(), kChunk),
       [&](const tbb::blocked_range<std::size_t>& range) {
-        Worker worker{*light_, table_, coarse, fine, {}, {}, {}};
+        Worker worker{.light = *light_, .table = table_, .coarse = coarse, .fine = fine};
         for (std::size_t i = range.begin(); i < range.end(); ++i) {
           const Entry& entry = entries_[i];
           if (!entry.reach.meets(rect)) continue;

@@ -94,15 +94,17 @@ struct Walk {
   double weight = 1;
   bool is_deep = false;
 
-  // Long paths come back rarely, and dim: from kThinned on half of them go on, at double weight, in
-  // each octave.
-  static constexpr double kThinned = 60;
+  // Long paths are most of the work and little of the light: from kThinned on, of each octave as
+  // many go on as makes the noise least for the time, at more weight. Light that comes out after a
+  // path of L is as L^-3/2 and light still inside as L^-1/2, so those kept should be as L^-1/2.
+  static constexpr double kThinned = 2;
+  static constexpr double kKept = 0.70710678118654752;
   double next_thinning = kThinned;
   bool survives(PhotonRandom& random) {
     if (length < next_thinning) return true;
     next_thinning *= 2;
-    weight *= 2;
-    return random.uniform() < 0.5;
+    weight /= kKept;
+    return random.uniform() < kKept;
   }
 
   // To the next scattering; false when the photon is gone.

@@ -23,7 +23,7 @@ struct WindowPlan {
 struct WindowOptions {
   int paths_per_sample = 2048;
   bool has_indirect = false;          // light that leaves the skin and meets it again
-  int photons_per_angle = 1'000'000;  // of the surface way's table
+  int photons_per_angle = 3'000'000;  // of the surface way's table
   int thread_count = 2;
   std::filesystem::path cache_folder;  // of the surface way
 };

@@ -10,6 +10,7 @@
 #include "hw_sim/world/head_world.h"
 #include "tests/bench/photon_flat.h"
 #include "tests/bench/photon_tables.h"
+#include "tests/bench/scatter_bench.h"
 
 namespace {
 
@@ -33,10 +34,12 @@ int main(int argc, char** argv) {
   bench::WindowOptions options;
   int flat_paths = 200'000;
   app.add_option("--out", folder, "Folder for CSV and PNG")->required();
-  app.add_option("--only", only, "flat, or windows by name; comma-separated")->delimiter(',');
+  app.add_option("--only", only, "flat, table, or windows by name; comma-separated")
+      ->delimiter(',');
   app.add_option("--paths", options.paths_per_sample, "Paths a camera pixel")
       ->check(CLI::Range(16, 10'000'000));
   app.add_option("--flat-paths", flat_paths, "Paths a flat phantom");
+  app.add_option("--photons", options.photons_per_angle, "Of the simulator's table, an angle");
   app.add_option("--threads", options.thread_count, "Threads to use")->check(CLI::Range(1, 1024));
   app.add_option("--cache", cache, "Folder of the surface way's tables");
   app.add_flag("--indirect", options.has_indirect, "Light between parts of the face, both ways");
@@ -48,6 +51,10 @@ int main(int argc, char** argv) {
   bench::Report report(folder);
   if (is_wanted("flat"))
     tbb::task_arena(options.thread_count).execute([&] { bench::show_flat(report, flat_paths); });
+  if (is_wanted("table"))
+    tbb::task_arena(options.thread_count).execute([&] {
+      bench::show_scatter_table(report, options.cache_folder, options.photons_per_angle);
+    });
   std::vector<bench::WindowResult> results;
   for (const bench::WindowPlan& plan : kWindows) {
     if (!is_wanted(plan.name)) continue;
