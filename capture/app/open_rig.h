@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "capture/runner.h"
+#include "rig/camera_trigger.h"
 #include "rig/devices/aravis_camera.h"
 #include "rig/devices/glfw_projector.h"
 #include "rig/devices/libusb_trigger.h"
@@ -26,18 +27,21 @@ class OpenRig final : public rig::Reopener {
                                        std::vector<std::string>& problems);
 
   rig::GlfwProjector& projector() { return *projector_; }
-  Devices devices() { return {*projector_, *trigger_, *camera_, *events_, this}; }
+  Devices devices() { return {*projector_, trigger(), *camera_, *events_, this}; }
 
   void close(rig::Device device) override;
   // The projector's window finds its monitor again by itself; here is only asked whether it has.
   rig::Result<void> open(rig::Device device) override;
 
  private:
-  explicit OpenRig(const rig::RigFile& rig_file) : rig_file_(rig_file) {}
+  explicit OpenRig(const rig::RigFile& rig_file);
+  rig::Trigger& trigger();
+  rig::EventSink& camera_sink();
 
   const rig::RigFile rig_file_;
   // The events outlive the devices that post to them.
   std::unique_ptr<rig::EventQueue> events_ = std::make_unique<rig::EventQueue>();
+  std::optional<rig::CameraTrigger> camera_trigger_;  // in a rig without a trigger box
   std::optional<rig::ReplaceableCamera> camera_;
   std::optional<rig::ReplaceableTrigger> trigger_;
   std::unique_ptr<rig::GlfwProjector> projector_;

@@ -232,13 +232,14 @@ HostFinding check_priority(const HostFacts& host) {
 std::vector<HostFinding> examine(const rig::RigFile& rig_file, const HostFacts& host,
                                  const rig::Result<std::vector<MonitorFacts>>& monitors,
                                  const CaptureNeeds& needs) {
-  return {check_camera_interface(host, rig_file.camera),
-          check_receive_buffer(host, needs),
-          check_priority(host),
-          check_trigger_box(host, rig_file.trigger),
-          check_monitor(monitors, rig_file.projector),
-          check_memory(host, needs),
-          check_storage_space(host, needs)};
+  std::vector<HostFinding> findings{check_camera_interface(host, rig_file.camera),
+                                    check_receive_buffer(host, needs), check_priority(host)};
+  if (rig_file.sequence.sync == rig::SyncMode::kTriggerBox)
+    findings.push_back(check_trigger_box(host, rig_file.trigger));
+  findings.push_back(check_monitor(monitors, rig_file.projector));
+  findings.push_back(check_memory(host, needs));
+  findings.push_back(check_storage_space(host, needs));
+  return findings;
 }
 
 Health worst_of(const std::vector<HostFinding>& findings) {

@@ -32,6 +32,10 @@ class CameraSocket {
     const std::lock_guard lock(mutex_);
     if (device_) device_->pulse(start, width);
   }
+  bool line(rig::HostTime time, bool is_high) {
+    const std::lock_guard lock(mutex_);
+    return device_ && device_->line(time, is_high);
+  }
   // Nothing is changed while the power is off.
   void change(const std::function<void(GigeFaults&)>& change) {
     const std::lock_guard lock(mutex_);

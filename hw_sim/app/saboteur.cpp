@@ -65,9 +65,10 @@ void Saboteur::act() {
     victims_.grabber.dim_photodiode(dim->level_frac);
     undo_after(dim->duration, [this] { victims_.grabber.dim_photodiode(1); });
   }
-  if (const auto out = faults_.take(FaultKind::kUsbUnplugged)) {
-    victims_.box.unplug();
-    undo_after(out->duration, [this] { victims_.box.replug(); });
+  if (const auto out =
+          victims_.box != nullptr ? faults_.take(FaultKind::kUsbUnplugged) : std::nullopt) {
+    victims_.box->unplug();
+    undo_after(out->duration, [this] { victims_.box->replug(); });
   }
   if (const auto off = faults_.take(FaultKind::kCameraRebooted)) {
     victims_.camera.power_off();
@@ -102,8 +103,9 @@ void Saboteur::act() {
 void Saboteur::act_at_rest() {
   if (faults_.take(FaultKind::kTriggerDoubled))
     victims_.camera.pulse(rig::HostClock::now(), kStrayPulse);
-  if (faults_.take(FaultKind::kUsbStall)) victims_.box.stall_in();
-  if (faults_.take(FaultKind::kUsbGap)) victims_.box.drop_next_record();
+  if (victims_.box == nullptr) return;
+  if (faults_.take(FaultKind::kUsbStall)) victims_.box->stall_in();
+  if (faults_.take(FaultKind::kUsbGap)) victims_.box->drop_next_record();
 }
 
 void Saboteur::undo_after(std::chrono::milliseconds duration, std::function<void()> undo) {

@@ -37,7 +37,7 @@ class Saboteur {
  public:
   struct Victims {
     CameraSocket& camera;
-    UsbTriggerBox& box;
+    UsbTriggerBox* box;  // nullptr: the rig has none
     VirtualScreen& screen;
     ScreenGrabber& grabber;
     SharedCount& skipped_blanks;

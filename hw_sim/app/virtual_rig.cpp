@@ -14,6 +14,7 @@
 
 #include "hw_sim/app/camera_socket.h"
 #include "hw_sim/app/saboteur.h"
+#include "hw_sim/display/photodiode_line.h"
 #include "hw_sim/display/screen_grabber.h"
 #include "hw_sim/display/virtual_screen.h"
 #include "hw_sim/gige/gige_device.h"
@@ -76,6 +77,7 @@ UsbTriggerBoxOptions box_options(const rig::RigFile& rig, FaultSchedule& faults)
 GigeDeviceOptions camera_options(const rig::RigFile& rig, FaultSchedule& faults) {
   GigeDeviceOptions options;
   options.faults = &faults;
+  options.is_the_trigger = rig.sequence.sync != rig::SyncMode::kTriggerBox;
   in_addr parsed{};  // a rig file may name its camera instead
   if (inet_pton(AF_INET, rig.camera.address.c_str(), &parsed) == 1)
     options.address = rig.camera.address;
@@ -109,12 +111,34 @@ struct VirtualRig::Parts {
   Preparer preparer;
   std::optional<CameraSocket> camera;
   std::unique_ptr<UsbTestbed> testbed;
-  std::optional<UsbTriggerBox> box;
+  std::optional<UsbTriggerBox> box;  // one of the two, or in sync mode software none
+  std::optional<PhotodiodeLine> line;
   std::unique_ptr<ScreenGrabber> grabber;  // it feeds all of them
   std::filesystem::path skip_file;
   std::optional<SharedCount> skipped_blanks;
   std::optional<Saboteur> saboteur;  // last: it meddles with all of them
 };
+
+// What the photodiode's level is told to.
+ScreenGrabber::LevelCallback VirtualRig::wire_photodiode(const rig::RigFile& rig,
+                                                         FaultSchedule& faults, Parts& parts) {
+  CameraSocket& camera = *parts.camera;
+  switch (rig.sequence.sync) {
+    case rig::SyncMode::kTriggerBox:
+      parts.box.emplace(*parts.testbed, box_options(rig, faults),
+                        [&camera](LinePulse pulse) { camera.pulse(pulse.start, pulse.width); });
+      return [&box = *parts.box](rig::HostTime time, int level_adc) { box.light(time, level_adc); };
+    case rig::SyncMode::kCameraLine:
+      parts.line.emplace(faults, [&camera](rig::HostTime time, bool is_high) {
+        return camera.line(time, is_high);
+      });
+      return
+          [&line = *parts.line](rig::HostTime time, int level_adc) { line.light(time, level_adc); };
+    case rig::SyncMode::kSoftware:
+      break;
+  }
+  return [](rig::HostTime, int) {};
+}
 
 rig::Result<std::unique_ptr<VirtualRig>> VirtualRig::start(const rig::RigFile& rig,
                                                            const World& world,
@@ -137,21 +161,20 @@ rig::Result<std::unique_ptr<VirtualRig>> VirtualRig::start(const rig::RigFile& r
   rig::Result<std::unique_ptr<UsbTestbed>> testbed = UsbTestbed::open();
   if (!testbed) return tl::unexpected(testbed.error());
   parts->testbed = *std::move(testbed);
-  parts->box.emplace(
-      *parts->testbed, box_options(rig, faults),
-      [&camera = *parts->camera](LinePulse pulse) { camera.pulse(pulse.start, pulse.width); });
+  ScreenGrabber::LevelCallback on_level = wire_photodiode(rig, faults, *parts);
 
   rig::Result<std::unique_ptr<ScreenGrabber>> grabber = ScreenGrabber::start(
       grabber_settings(rig, parts->screen->display(), world.lamp_timing(), faults), parts->light,
       [&preparer = parts->preparer](const auto& picture) { preparer.add(picture); },
-      [&box = *parts->box](rig::HostTime time, int level_adc) { box.light(time, level_adc); });
+      std::move(on_level));
   if (!grabber) return tl::unexpected(grabber.error());
   parts->grabber = *std::move(grabber);
 
   parts->skip_file = std::filesystem::temp_directory_path() / "skipped_blanks";
   parts->skipped_blanks.emplace(parts->skip_file);
-  parts->saboteur.emplace(faults, Saboteur::Victims{*parts->camera, *parts->box, *parts->screen,
-                                                    *parts->grabber, *parts->skipped_blanks});
+  parts->saboteur.emplace(
+      faults, Saboteur::Victims{*parts->camera, parts->box ? &*parts->box : nullptr, *parts->screen,
+                                *parts->grabber, *parts->skipped_blanks});
   return std::unique_ptr<VirtualRig>(new VirtualRig(std::move(parts)));
 }
 

@@ -4,14 +4,17 @@
 //   product ─► X screen ─► ScreenGrabber ─► LightTimeline ─► World ─► GigeDevice ─► product
 //                               └─► photodiode ─► UsbTriggerBox ─► pulses ─┘
 //                                                      └─► product
+// In sync mode camera_line the photodiode drives the camera's line, in software nothing does.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <memory>
 #include <string>
 
 #include "hw_sim/faults/fault_schedule.h"
 #include "hw_sim/world.h"
+#include "rig/clock.h"
 #include "rig/fault.h"
 #include "rig/rig_file.h"
 
@@ -31,6 +34,9 @@ class VirtualRig {
 
  private:
   struct Parts;
+  static std::function<void(rig::HostTime, int)> wire_photodiode(const rig::RigFile& rig,
+                                                                 FaultSchedule& faults,
+                                                                 Parts& parts);
   explicit VirtualRig(std::unique_ptr<Parts> parts);
   std::unique_ptr<Parts> parts_;
 };

@@ -208,6 +208,18 @@ void CameraModel::start_acquisition() {
   registers_.set(kParamsLocked, 1);
 }
 
+int CameraModel::bracket_count() const {
+  if (!engine_.is_sequencer_on) return 1;
+  int count = 1;
+  const auto next = [this](int set) {
+    return engine_.sets[static_cast<std::size_t>(set)].next_set;
+  };
+  for (int set = next(engine_.start_set); set != engine_.start_set && count < engine_.kSetCount;
+       set = next(set))
+    ++count;
+  return count;
+}
+
 void CameraModel::save_set() {
   const std::uint32_t number = registers_.get(kSequencerSetSelector);
   SavedSet& set = saved_sets_[number];

@@ -61,6 +61,8 @@ class CameraModel {
 
   RegisterMap& registers() { return registers_; }
   const ExposureEngine& engine() const { return engine_; }
+  // Exposures of one round of the sequencer; 1 without.
+  int bracket_count() const;
   void slip_sequencer() { engine_.slip(); }
   void jump_clock(std::chrono::nanoseconds step) { oscillator_.offset += step; }
 

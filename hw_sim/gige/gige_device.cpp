@@ -7,6 +7,7 @@
 #include <array>
 #include <condition_variable>
 #include <deque>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <stop_token>
@@ -64,6 +65,7 @@ class GigeDevice::Impl {
        Socket control, Socket broadcast, Socket stream);
 
   void pulse(rig::HostTime start, std::chrono::microseconds width);
+  bool line(rig::HostTime time, bool is_high);
   GigeDeviceCounters counters() const;
 
   GigeFaults faults;
@@ -91,6 +93,12 @@ class GigeDevice::Impl {
   GvcpStatus write_control_privilege(std::uint32_t value, const sockaddr_in& peer);
   GvcpStatus write_stream_register(std::uint32_t address, std::uint32_t value);
   bool is_controller(const sockaddr_in& peer) const;
+  // With mutex_ held, as the following.
+  GvcpStatus trigger_software(std::uint32_t value);
+  bool tell_of_trigger(rig::HostTime time);
+  void tell_of_arming(bool is_armed);
+  void shoot(const ShotFaults& planned, rig::HostTime start, std::chrono::microseconds width,
+             const std::function<std::optional<Shot>()>& trigger);
   void queue(const Shot& shot);
 
   void run_exposures(const std::stop_token& stop);
@@ -129,7 +137,8 @@ GigeDevice::Impl::Impl(const GigeDeviceOptions& options, const World& world,
               .address = options.address,
               .width_px = world.width_px(),
               .height_px = world.height_px(),
-              .pixel_formats = options.pixel_formats},
+              .pixel_formats = options.pixel_formats,
+              .has_any_edge = options.has_any_edge},
              options.readout,
              {.power_up = rig::HostClock::now(),
               .offset = options.clock_offset,
@@ -143,8 +152,57 @@ void GigeDevice::Impl::pulse(rig::HostTime start, std::chrono::microseconds widt
       options_.faults != nullptr ? options_.faults->take_shot() : ShotFaults{};
   if (take_one(faults.unseen_pulses) || planned.is_trigger_missed) return;
   const std::lock_guard lock(mutex_);
+  shoot(planned, start, width, [&] { return model_.pulse(start, width); });
+}
+
+bool GigeDevice::Impl::line(rig::HostTime time, bool is_high) {
+  bool is_beginning = false;
+  {
+    const std::lock_guard lock(mutex_);
+    if (!model_.is_trigger(is_high)) return false;
+    is_beginning = tell_of_trigger(time);
+  }
+  pulse(time, {});
+  return is_beginning;
+}
+
+GvcpStatus GigeDevice::Impl::trigger_software(std::uint32_t value) {
+  const rig::HostTime now = rig::HostClock::now();
+  tell_of_trigger(now);
+  const bool has_plan = options_.is_the_trigger && options_.faults != nullptr;
+  const ShotFaults planned = has_plan ? options_.faults->take_shot() : ShotFaults{};
+  if (planned.is_trigger_missed) return GvcpStatus::kSuccess;
+  GvcpStatus status = GvcpStatus::kSuccess;
+  shoot(planned, now, {}, [&] {
+    status = model_.write(kTriggerSoftware, value, now);
+    return model_.take_software_shot();
+  });
+  return status;
+}
+
+// How far the capture is: the sequencer knows. True at the first exposure of its round.
+bool GigeDevice::Impl::tell_of_trigger(rig::HostTime time) {
+  const bool is_one_too_many = model_.engine().is_busy(time) || !model_.is_acquiring();
+  if (!options_.is_the_trigger || options_.faults == nullptr || is_one_too_many) return false;
+  const int bracket = model_.engine().is_sequencer_on ? model_.engine().active_set() : 0;
+  if (bracket == 0) options_.faults->train_started();
+  options_.faults->pulse_started(bracket);
+  return bracket == 0;
+}
+
+void GigeDevice::Impl::tell_of_arming(bool is_armed) {
+  if (!options_.is_the_trigger || options_.faults == nullptr) return;
+  if (!is_armed) return options_.faults->disarmed();
+  options_.faults->set_flips_per_showing(model_.bracket_count());
+  options_.faults->armed();
+}
+
+// An exposure, and what is to go wrong with it.
+void GigeDevice::Impl::shoot(const ShotFaults& planned, rig::HostTime start,
+                             std::chrono::microseconds width,
+                             const std::function<std::optional<Shot>()>& trigger) {
   if (take_one(faults.sequencer_slips) || planned.is_sequencer_slipping) model_.slip_sequencer();
-  std::optional<Shot> shot = model_.pulse(start, width);
+  std::optional<Shot> shot = trigger();
   if (shot) {
     shot->faults = planned;
     queue(*shot);
@@ -202,6 +260,7 @@ void GigeDevice::Impl::check_control_alive() {
 void GigeDevice::Impl::release_control() {
   controller_.reset();
   model_.stop_acquisition();
+  tell_of_arming(false);
   model_.registers().set(kControlPrivilege, 0);
   model_.registers().set(kPrimaryPort, 0);
   model_.registers().set(kPrimaryAddress, 0);
@@ -328,8 +387,10 @@ GvcpStatus GigeDevice::Impl::write(std::uint32_t address, std::uint32_t value,
     shots_.clear();
     shots_changed_.notify_one();
   }
+  if (address == kTriggerSoftware) return trigger_software(value);
   const GvcpStatus status = model_.write(address, value, rig::HostClock::now());
-  if (const std::optional<Shot> shot = model_.take_software_shot()) queue(*shot);
+  if (address == kAcquisitionStart || address == kAcquisitionStop)
+    tell_of_arming(model_.is_acquiring());
   return status;
 }
 
@@ -443,6 +504,8 @@ rig::Result<std::unique_ptr<GigeDevice>> GigeDevice::start(const GigeDeviceOptio
 void GigeDevice::pulse(rig::HostTime start, std::chrono::microseconds width) {
   impl_->pulse(start, width);
 }
+
+bool GigeDevice::line(rig::HostTime time, bool is_high) { return impl_->line(time, is_high); }
 
 GigeFaults& GigeDevice::faults() { return impl_->faults; }
 

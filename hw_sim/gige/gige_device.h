@@ -30,6 +30,9 @@ struct GigeDeviceOptions {
   // cut from it that much after its end.
   std::chrono::microseconds light_latency{0};
   FaultSchedule* faults = nullptr;  // outlives the device
+  // In a rig without a trigger box: it tells `faults` how far a capture is.
+  bool is_the_trigger = false;
+  bool has_any_edge = true;  // TriggerActivation AnyEdge
 };
 
 struct GigeDeviceCounters {
@@ -56,6 +59,10 @@ class GigeDevice {
 
   // The hardware line, Line1: a pulse of `width` that rises at `start`. Never blocks for long.
   void pulse(rig::HostTime start, std::chrono::microseconds width);
+
+  // The hardware line, as a photodiode drives it: it goes up or down at `time`. True if that began
+  // a showing: the first exposure of a sequencer's round.
+  bool line(rig::HostTime time, bool is_high);
 
   GigeFaults& faults();
   GigeDeviceCounters counters() const;

@@ -43,10 +43,25 @@ WireCapture::~WireCapture() {
 }
 
 void WireCapture::set_reopen_deadline(std::chrono::milliseconds time) const {
+  add_to_sequence("reopen_deadline_ms = " + std::to_string(time.count()));
+}
+
+void WireCapture::set_sync(const std::string& sync) const {
+  std::string rig = read_text(rig_file());
+  const std::size_t trigger = rig.find("[trigger]");
+  rig.erase(trigger, rig.find("[sequence]") - trigger);
+  std::ofstream(rig_file()) << rig;
+  add_to_sequence("sync = \"" + sync + "\"");
+}
+
+void WireCapture::set_pace(const std::string& pace) const {
+  add_to_sequence("pace = \"" + pace + "\"");
+}
+
+void WireCapture::add_to_sequence(const std::string& line) const {
   std::string rig = read_text(rig_file());
   const std::string section = "[sequence]\n";
-  rig.insert(rig.find(section) + section.size(),
-             "reopen_deadline_ms = " + std::to_string(time.count()) + "\n");
+  rig.insert(rig.find(section) + section.size(), line + "\n");
   std::ofstream(rig_file()) << rig;
 }
 

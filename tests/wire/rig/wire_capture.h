@@ -20,6 +20,9 @@ class WireCapture {
 
   // Into the rig file's [sequence], before run().
   void set_reopen_deadline(std::chrono::milliseconds time) const;
+  // Another sync mode, "camera_line" or "software", and no trigger box.
+  void set_sync(const std::string& sync) const;
+  void set_pace(const std::string& pace) const;
   // The exit code; once. `plan` is a plan of faults in TOML.
   int run(const std::string& plan) const;
 
@@ -29,5 +32,6 @@ class WireCapture {
 
  private:
   std::filesystem::path rig_file() const { return folder_ / "rig.toml"; }
+  void add_to_sequence(const std::string& line) const;
   std::filesystem::path folder_;
 };

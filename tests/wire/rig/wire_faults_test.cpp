@@ -65,6 +65,21 @@ TEST_F(WireFaults, AllThatPassGoUnseenInTheSession) {
   EXPECT_EQ(wire_.judge(only_session()).wrong_frames.size(), 2U);
 }
 
+// The photodiode on the camera's line: no trigger box is plugged in.
+TEST_F(WireFaults, CameraLineNeedsNoTriggerBox) {
+  wire_.set_sync("camera_line");
+  std::string plan = "seed = 3\nfaults = [\n";
+  int slot = 5;
+  for (const char* fault :
+       {"frame_truncated", "trigger_doubled", "sequencer_slip", "light_flash"}) {
+    plan +=
+        std::string("{fault = \"").append(fault) + "\", slot = " + std::to_string(slot) + "},\n";
+    slot += 10;
+  }
+  EXPECT_EQ(capture(plan + "]\n"), kDone) << output();
+  expect_complete_and_right();
+}
+
 // Every device that can be lost, three to a capture, which is how often one waits for them.
 TEST_F(WireFaults, LostDevicesAreWaitedForAndTheOpenSlotsTaken) {
   EXPECT_EQ(capture("faults = [{fault = \"camera_rebooted\", slot = 10},\n"
