@@ -1,6 +1,7 @@
 #include "capture/motion_watch.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "estimation/base/check.h"
@@ -13,6 +14,16 @@ estimation::Axis axis_of(const estimation::PatternKind& kind) {
   if (const auto* gray = std::get_if<estimation::GrayCode>(&kind)) return gray->axis;
   if (const auto* fringe = std::get_if<estimation::Fringe>(&kind)) return fringe->axis;
   return estimation::Axis::kColumn;
+}
+
+// In the projector's picture; 0: the pattern has none.
+double period_px(const estimation::PatternKind& kind) {
+  if (const auto* stripes = std::get_if<estimation::Stripes>(&kind)) return stripes->period_px;
+  if (const auto* fringe = std::get_if<estimation::Fringe>(&kind)) return fringe->period_px;
+  // A bit of Gray code is lit every other pair of runs.
+  if (const auto* gray = std::get_if<estimation::GrayCode>(&kind))
+    return std::ldexp(4.0, gray->bit);
+  return 0;
 }
 
 estimation::MotionScale scale_of(const estimation::Manifest& manifest, int pattern) {
@@ -33,6 +44,7 @@ MotionWatch::MotionWatch(const estimation::Manifest& manifest, int pattern,
                          std::size_t bracket_count, std::size_t frame_count, bool is_shuffled)
     : camera_(manifest.camera),
       scale_(scale_of(manifest, pattern)),
+      period_px_(period_px(manifest.find_pattern(pattern)->kind) / scale_.projector_px_per_px),
       rules_(rules_for(is_shuffled)),
       bracket_count_(bracket_count),
       queue_(frame_count),
@@ -106,7 +118,7 @@ void MotionWatch::compare(int repeat, const Item& item) {
   told.elapsed_s = std::max(0.0, std::chrono::duration<double>(item.edge - first.edge).count());
   with_samples(first, [&](estimation::ImageView<const std::uint16_t> before) {
     with_samples(item, [&](estimation::ImageView<const std::uint16_t> after) {
-      const auto change = estimation::measure_change(camera_, before, after);
+      const auto change = estimation::measure_change(camera_, period_px_, before, after);
       if (change)
         told.change = *change;
       else

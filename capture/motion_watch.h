@@ -59,6 +59,7 @@ class MotionWatch {
 
   const estimation::CameraInfo camera_;
   const estimation::MotionScale scale_;
+  const double period_px_;  // of the pattern in the frame
   const estimation::MotionRules rules_;
   const std::size_t bracket_count_;
   std::vector<estimation::Repeat> known_;

@@ -20,9 +20,10 @@ constexpr int kMargin = 2;  // cells that smoothing and interpolation reach
 // Neighbouring cells share their noise: a fit of smoothed cells has so many times fewer of them.
 constexpr double kCellsShared = 4 * std::numbers::pi * kSmoothing * kSmoothing;
 constexpr int kBlocksAcross = 24, kSmallestBlock = 8;
-// Of a 24th of the picture, which is about a stripe's period in it: levels the stripes, not the
-// face.
-constexpr double kStripeSmoothing = 0.6;
+// Of the pattern's period: levels the stripes to 3%, and the face's own picture as little as may
+// be.
+constexpr double kPeriodSmoothing = 0.42;
+constexpr double kLongestSmoothing = 0.1;  // of the picture's width: a coarse Gray code has no mean
 
 using Vec4 = cv::Vec4d;
 using Mat4 = cv::Matx44d;
@@ -123,11 +124,11 @@ enum class Outliers { kHeldDown, kCounted };
 class Fit {
  public:
   Fit(const CameraInfo& camera, const Picture& first, const Picture& second, const Blocks& blocks,
-      double smoothing)
+      double smoothing, double period_px)
       : blocks_(blocks),
         smoothing_(smoothing),
         first_(smoothed(first.light, smoothing)),
-        mean_(smoothed(first.light, kStripeSmoothing * first.light.width_px() / kBlocksAcross)),
+        mean_(smoothed(first.light, mean_sigma(first, period_px))),
         second_(second.light),
         first_usable_(shrunk(first.is_usable, kMargin)),
         second_usable_(shrunk(second.is_usable, kMargin)) {
@@ -226,6 +227,10 @@ class Fit {
   }
 
  private:
+  static double mean_sigma(const Picture& picture, double period_px) {
+    return std::clamp(kPeriodSmoothing * period_px / picture.bin_px, kSmoothing,
+                      std::max(kSmoothing, kLongestSmoothing * picture.light.width_px()));
+  }
   int height() const { return first_.height_px(); }
   int width() const { return first_.width_px(); }
   bool is_compared(int row, int col) const {
@@ -386,7 +391,8 @@ tl::unexpected<InputError> cannot_compare(const std::string& why) {
 
 // The best of the starts: where the picture was, and where phase correlation sees it.
 std::optional<Parameters> align(const CameraInfo& camera, const Picture& first,
-                                const Picture& second, const Blocks& blocks, Fit& fine) {
+                                const Picture& second, const Blocks& blocks, Fit& fine,
+                                double period_px) {
   const CellShift coarse =
       coarse_shift(smoothed(first.light, kSmoothing), smoothed(second.light, kSmoothing));
   std::vector<CellShift> starts{{0, 0}};
@@ -395,7 +401,7 @@ std::optional<Parameters> align(const CameraInfo& camera, const Picture& first,
   double best_frac = 0;
   for (const CellShift& start : starts) {
     Parameters at{start.row, start.col, 1, 0};
-    Fit rough(camera, first, second, blocks, kCoarseSmoothing);
+    Fit rough(camera, first, second, blocks, kCoarseSmoothing, period_px);
     constexpr int kRoughSteps = 6, kFineSteps = 12;
     if (!rough.descend(at, kRoughSteps)) at = {start.row, start.col, 1, 0};
     if (!fine.descend(at, kFineSteps)) continue;
@@ -409,7 +415,8 @@ std::optional<Parameters> align(const CameraInfo& camera, const Picture& first,
 
 }  // namespace
 
-Result<FrameChange> measure_change(const CameraInfo& camera, ImageView<const std::uint16_t> first,
+Result<FrameChange> measure_change(const CameraInfo& camera, double period_px,
+                                   ImageView<const std::uint16_t> first,
                                    ImageView<const std::uint16_t> second) {
   for (const auto& frame : {first, second}) {
     if (frame.height_px != camera.height_px || frame.width_px != camera.width_px ||
@@ -419,11 +426,11 @@ Result<FrameChange> measure_change(const CameraInfo& camera, ImageView<const std
   }
   const Picture before = make_picture(camera, first), after = make_picture(camera, second);
   const Blocks blocks = find_lit_blocks(before);
-  Fit fit(camera, before, after, blocks, kSmoothing);
+  Fit fit(camera, before, after, blocks, kSmoothing, period_px);
   constexpr int kFewestCells = 200;
   if (fit.cell_count() < kFewestCells)
     return cannot_compare("too little of the picture is lit and not clipped to compare it");
-  const auto found = align(camera, before, after, blocks, fit);
+  const auto found = align(camera, before, after, blocks, fit, period_px);
   // Half of the variation unexplained: what is left is no picture of the same thing.
   constexpr double kMostUnexplainedFrac = 0.5;
   const double unexplained_frac = found ? fit.unexplained_frac(*found) : 1;

@@ -39,7 +39,10 @@ struct FrameChange {
 // are fitted together by weighted least squares on the smoothed picture, outliers held down.
 // Errors: kInvalid where the sizes differ from the camera's; kInsufficient where too little is lit
 // to compare, or no shift makes the two alike.
-Result<FrameChange> measure_change(const CameraInfo& camera, ImageView<const std::uint16_t> first,
+// `period_px`: of the pattern as the frame shows it, roughly; 0 for one that is lit all over. The
+// mean over it tells what the skin gives back of light that comes from everywhere.
+Result<FrameChange> measure_change(const CameraInfo& camera, double period_px,
+                                   ImageView<const std::uint16_t> first,
                                    ImageView<const std::uint16_t> second);
 
 }  // namespace estimation

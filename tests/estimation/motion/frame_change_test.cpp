@@ -16,8 +16,8 @@ using testing::HasSubstr;
 
 FrameChange change_between(const StripedHead& first, const StripedHead& second,
                            const CameraInfo& camera = striped_camera()) {
-  const auto change =
-      measure_change(camera, photograph(first, camera).view(), photograph(second, camera).view());
+  const auto change = measure_change(camera, period_px(camera), photograph(first, camera).view(),
+                                     photograph(second, camera).view());
   if (change) return *change;
   ADD_FAILURE() << change.error().text();
   return {};
@@ -129,13 +129,13 @@ TEST(FrameChange, WhatCannotBeComparedIsSaidSo) {
   Image<std::uint16_t> other(camera.height_px, camera.width_px, 1);
   std::mt19937_64 random(3);
   for (auto& sample : other.samples()) sample = static_cast<std::uint16_t>(64 + random() % 2000);
-  const auto of_dark = measure_change(camera, dark.view(), head.view());
+  const auto of_dark = measure_change(camera, 12, dark.view(), head.view());
   ASSERT_FALSE(of_dark);
   EXPECT_THAT(of_dark.error().text(), HasSubstr("too little of the picture is lit"));
-  const auto of_other = measure_change(camera, head.view(), other.view());
+  const auto of_other = measure_change(camera, 12, head.view(), other.view());
   ASSERT_FALSE(of_other);
   EXPECT_THAT(of_other.error().text(), HasSubstr("do not show the same"));
-  EXPECT_FALSE(measure_change(striped_camera(64, 48), head.view(), head.view()));
+  EXPECT_FALSE(measure_change(striped_camera(64, 48), 12, head.view(), head.view()));
 }
 
 }  // namespace

@@ -36,6 +36,8 @@ inline CameraInfo striped_camera(int width_px = 196, int height_px = 144) {
   return camera;
 }
 
+inline double period_px(const CameraInfo& camera) { return camera.width_px / 16.0; }
+
 inline constexpr double kLitDn = 1500;
 inline constexpr double kEyeRowFrac = 0.38, kEyeColFrac = 0.40;
 
@@ -48,10 +50,9 @@ inline double light_at(const StripedHead& head, const CameraInfo& camera, double
   const double texture = 1 + 0.15 * std::sin(23 * x + 11 * y) * std::cos(17 * y - 5 * x);
   const double eye =
       std::exp(-(std::pow((y - kEyeRowFrac) / 0.035, 2) + std::pow((x - kEyeColFrac) / 0.05, 2)));
-  const double period_px = camera.width_px / 16.0;
   const double middle = 0.5 * camera.width_px;
   const double place = col - head.shift_col_px - head.stripe_slope * (col - middle);
-  const double phase = 2 * std::numbers::pi * place / period_px;
+  const double phase = 2 * std::numbers::pi * place / period_px(camera);
   const double stripe = 0.15 + 0.85 * std::exp(4 * (std::cos(phase) - 1));
   const double skin = inside * texture * (1 + head.blink_frac * eye);
   return kLitDn * skin * (head.light * stripe + head.ambient_frac);

@@ -1,0 +1,149 @@
+// Whole captures of a head that moves, or whose light changes: what the repeats of the first
+// pattern say.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "capture/capture_job.h"
+#include "capture/take.h"
+#include "estimation/session/verify.h"
+#include "tests/capture/striped_world.h"
+
+namespace capture {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+using testing::StartsWith;
+
+class WatchedCapture : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (fs::temp_directory_path() / "ssrig_watch_XXXXXX").string();
+    ASSERT_NE(::mkdtemp(name.data()), nullptr);
+    root_ = name;
+    rig_file_ = striped_rig_file(root_);
+  }
+  void TearDown() override { fs::remove_all(root_); }
+
+  CaptureResult capture(const PoseAt& pose_at) {
+    CaptureOptions options;
+    options.directory = rig_file_.storage.directory;
+    options.created = std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
+    options.estimator.thread_count = 2;
+    options.estimator.is_geometry_only = true;  // the maps are not what is looked at
+    const auto job = CaptureJob::prepare(rig_file_, options);
+    if (!job) return job.error();
+    const StripedWorld world(pose_at);
+    hw_sim::InProcessRig rig(world, in_process(rig_file_));
+    const CaptureResult result =
+        job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {},
+                 [this](const CaptureProgress& progress) {
+                   if (progress.phase == CaptureProgress::Phase::kEstimating)
+                     told_before_the_maps_ = progress.motion;
+                   last_total_ = progress.slots_total;
+                 });
+    std::printf("%s\n", result.motion.c_str());
+    EXPECT_EQ(result.state, estimation::SessionState::kComplete) << result.message;
+    return result;
+  }
+  static nlohmann::json report_of(const CaptureResult& result) {
+    std::ifstream file(result.session / "report/motion.json");
+    return nlohmann::json::parse(file, nullptr, false);
+  }
+
+  fs::path root_;
+  rig::RigFile rig_file_;
+  std::string told_before_the_maps_;
+  int last_total_ = 0;
+};
+
+TEST_F(WatchedCapture, StillHeadIsGoodAndTheSessionHoldsItsOwnSlotsAlone) {
+  const CaptureResult result = capture([](double) { return Pose{}; });
+  EXPECT_THAT(result.motion, StartsWith("good: "));
+  EXPECT_EQ(told_before_the_maps_, result.motion);
+  const int slot_count = 2 * (40 + 2 * (2 * 8 + 4));  // eight bits of Gray code for 256 px
+  EXPECT_EQ(last_total_, slot_count);
+  EXPECT_THAT(result.message, HasSubstr("160 of 160 slots"));
+  const auto verified = estimation::verify_session(result.session);
+  ASSERT_TRUE(verified);
+  EXPECT_TRUE(verified->problems.empty());
+  EXPECT_EQ(verified->frame_count, slot_count);
+  const nlohmann::json report = report_of(result);
+  EXPECT_EQ(report["verdict"], "good");
+  EXPECT_EQ(report["repeats"].size(), 4U);  // after 22, 44, 66 and all 80 patterns
+  EXPECT_TRUE(report["reasons"].empty());
+}
+
+TEST_F(WatchedCapture, DriftIsTheVerdictsReasonInPixelsAndMillimetres) {
+  const CaptureResult little = capture([](double s) { return Pose{.stripes_px = 0.02 * s}; });
+  EXPECT_THAT(little.motion, StartsWith("usable: "));
+  EXPECT_THAT(little.motion, HasSubstr("the stripes moved by"));
+  const CaptureResult much = capture([](double s) { return Pose{.stripes_px = 0.2 * s}; });
+  EXPECT_THAT(much.motion, StartsWith("retake: "));
+  const nlohmann::json last = report_of(much)["repeats"].back();
+  const double expected_px = 0.2 * last["elapsed_s"].get<double>();
+  EXPECT_NEAR(last["stripes_projector_px"].get<double>(), expected_px, 0.05 * expected_px);
+  // At 1000 mm one projector px is 1000^2 / (800 * 250) = 5 mm in depth, a frame's px 3.3 sideways.
+  EXPECT_NEAR(last["head_mm"].get<double>(), 5 * expected_px, 0.5 * expected_px);
+}
+
+TEST_F(WatchedCapture, ShuffledOrderBearsMoreDrift) {
+  rig_file_.sequence.is_shuffled = true;
+  const CaptureResult result = capture([](double s) { return Pose{.stripes_px = 0.02 * s}; });
+  EXPECT_THAT(result.motion, StartsWith("good: "));
+}
+
+TEST_F(WatchedCapture, LightThatChangedIsToldFromAmbientLight) {
+  const CaptureResult lamp = capture([](double s) { return Pose{.light = 1 - 0.004 * s}; });
+  EXPECT_THAT(lamp.motion, StartsWith("usable: "));
+  EXPECT_THAT(lamp.motion, HasSubstr("the projector's light changed by -"));
+  const CaptureResult room =
+      capture([](double s) { return Pose{.ambient_frac = s < 5 ? 0 : 0.03}; });
+  EXPECT_THAT(room.motion, HasSubstr("ambient light changed by +"));
+  EXPECT_THAT(room.motion, testing::Not(HasSubstr("the projector's light changed")));
+}
+
+TEST_F(WatchedCapture, BlinkAtARepeatHasItsPlace) {
+  const CaptureResult still = capture([](double) { return Pose{}; });
+  const double third_s = report_of(still)["repeats"][2]["elapsed_s"];
+  const CaptureResult result = capture(
+      [third_s](double s) { return Pose{.eye_light = std::abs(s - third_s) < 0.6 ? 0.5 : 1}; });
+  EXPECT_THAT(result.motion, StartsWith("usable: "));
+  EXPECT_THAT(result.motion, HasSubstr("in the upper half (a blink?)"));
+  const nlohmann::json places = report_of(result)["repeats"][2]["local_changes"];
+  ASSERT_FALSE(places.empty());
+  EXPECT_NEAR(places[0]["row_px"].get<double>(), StripedWorld::kEyeRow, 8);
+  EXPECT_NEAR(places[0]["col_px"].get<double>(), StripedWorld::kEyeCol, 8);
+}
+
+TEST_F(WatchedCapture, WithoutRepeatsNothingIsSaid) {
+  rig_file_.sequence.repeat_every = 0;
+  const CaptureResult result = capture([](double s) { return Pose{.stripes_px = s}; });
+  EXPECT_EQ(result.motion, "");
+  EXPECT_FALSE(fs::exists(result.session / "report/motion.json"));
+}
+
+TEST(Take, RepeatsComeNowAndThenAndLast) {
+  Plan plan{"test", {}, {2, 1, 0, 4, 3}, {std::chrono::microseconds(10)}};
+  for (int i = 0; i < 5; ++i) plan.patterns.push_back({i, estimation::White{}});
+  const Take take = make_take(plan, 2);
+  EXPECT_EQ(take.plan.order, (std::vector<int>{2, 1, 5, 0, 4, 6, 3, 7}));
+  EXPECT_EQ(take.repeated, 2);
+  EXPECT_EQ(take.name_of({6, 0}), "repeat 2 of pattern 2 bracket 0");
+  EXPECT_EQ(take.session_slot({6, 0}), std::nullopt);
+  EXPECT_EQ(take.session_slot({4, 0}), (SlotId{4, 0}));
+  // Of two patterns that lack a frame.
+  const Take rest = make_take(plan, {true, false, false, true, false}, 4, 22);
+  EXPECT_EQ(rest.plan.order, (std::vector<int>{0, 1, 2}));
+  EXPECT_EQ(rest.session_slot({1, 0}), (SlotId{3, 0}));
+  EXPECT_EQ(rest.entry({2, 0}).pattern, 4);
+}
+
+}  // namespace
+}  // namespace capture
