@@ -434,7 +434,8 @@ Surface reconstruct_bent_surface(std::span<const PatternSignal> signals,
     const bool is_column = axis == Axis::kColumn;
     const Image<float>& position_px = is_column ? correspondence.column_px : correspondence.row_px;
     if (position_px.empty()) continue;
-    auto spread = spread_of(signals, axis, camera, side_px);
+    auto spread =
+        spread_of(signals, bend_options.levels, axis, camera, position_px.view(), side_px);
     if (!spread) continue;
     axes.push_back({axis, std::move(*spread), position_px,
                     is_column ? correspondence.column_sd_px : correspondence.row_sd_px,

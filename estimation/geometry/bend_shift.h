@@ -21,6 +21,7 @@ enum class PhaseSource {
 
 struct BendOptions {
   PhaseSource source = PhaseSource::kFirstHarmonic;
+  FrameLevels levels = {};  // where frames are given
   // Bends are those of the surface averaged over this radius, about a diffuse mean free path. On
   // two simulated faces 1.6 mm leaves 0.034 and 0.029 px rms, 2.2 mm 0.032 and 0.028, 3.2 mm 0.033
   // and 0.029; nothing done 0.091 and 0.068.

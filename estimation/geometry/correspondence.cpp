@@ -309,7 +309,7 @@ Correspondence decode_correspondence(std::span<const PatternSignal> signals,
                                      const CorrespondenceOptions& options) {
   check(!options.noise.empty(), "correspondence without a noise range");
   Correspondence out;
-  const SignalSet set = collect_signals(signals, options);
+  const SignalSet set = collect_signals(signals, options.levels);
   PatternPlan plan = plan_patterns(set, projector, options);
   out.notes = std::move(plan.notes);
   Decoder decoder(plan, set, projector, options, out);

@@ -31,13 +31,17 @@ struct PatternSignal {
   std::span<const ExposedFrame> frames = {};
 };
 
+// What the camera's samples mean.
+struct FrameLevels {
+  const CameraBlack* black = nullptr;
+  double saturation_dn = 0;  // a sample is lost from here on
+};
+
 struct CorrespondenceOptions {
   // As merged_noise() makes it; at least one entry. All zero is allowed: then the standard
   // deviations are the systematic part alone.
   std::vector<MergedNoise> noise{MergedNoise{}};
-  // The camera's, where frames are given: its black, and the level from which a sample is lost.
-  const CameraBlack* black = nullptr;
-  double saturation_dn = 0;
+  FrameLevels levels;  // where frames are given
   // Lit: the projector's modulation is this many standard deviations, and this share of the 99th
   // percentile of all pixels' modulations (stray light at the far wall is not the subject).
   double min_modulation_sd = 5;

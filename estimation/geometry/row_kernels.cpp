@@ -296,6 +296,38 @@ void read_phases_row(std::span<const SampleRow> shifts, const SampleNoise& noise
   for (; i < end; ++i) read_phases_at(One(), shifts, bracket, noise, weights, i, out);
 }
 
+template <typename D>
+HWY_INLINE void sum_shifts_at(D d, std::span<const SampleRow> shifts, float saturation_dn,
+                              std::size_t i, const WeightedSums& sums) {
+  // Apart, because vectors of some processors make no array.
+  auto a = hn::Zero(d), b = a, c = a, e = a, f = a, g = a;
+  const auto& weights = sums.weights;
+  for (std::size_t k = 0; k < shifts.size(); ++k) {
+    const auto sample = load(d, shifts[k], saturation_dn, i);
+    a = hn::MulAdd(hn::Set(d, weights[0][k]), sample, a);
+    b = hn::MulAdd(hn::Set(d, weights[1][k]), sample, b);
+    c = hn::MulAdd(hn::Set(d, weights[2][k]), sample, c);
+    e = hn::MulAdd(hn::Set(d, weights[3][k]), sample, e);
+    f = hn::MulAdd(hn::Set(d, weights[4][k]), sample, f);
+    g = hn::MulAdd(hn::Set(d, weights[5][k]), sample, g);
+  }
+  hn::StoreU(a, d, sums.out[0] + i);
+  hn::StoreU(b, d, sums.out[1] + i);
+  hn::StoreU(c, d, sums.out[2] + i);
+  hn::StoreU(e, d, sums.out[3] + i);
+  hn::StoreU(f, d, sums.out[4] + i);
+  hn::StoreU(g, d, sums.out[5] + i);
+}
+
+void sum_shifts_row(std::span<const SampleRow> shifts, float saturation_dn, std::size_t begin,
+                    std::size_t end, const WeightedSums& sums) {
+  const Vectors d;
+  std::size_t i = begin;
+  for (; i + hn::Lanes(d) <= end; i += hn::Lanes(d))
+    sum_shifts_at(d, shifts, saturation_dn, i, sums);
+  for (; i < end; ++i) sum_shifts_at(One(), shifts, saturation_dn, i, sums);
+}
+
 }  // namespace estimation::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -304,6 +336,7 @@ namespace estimation {
 
 HWY_EXPORT(read_pair_row);
 HWY_EXPORT(read_phases_row);
+HWY_EXPORT(sum_shifts_row);
 
 void read_pair(const SampleRow& plain, const SampleRow& inverse, const SampleNoise& noise,
                std::size_t width, const PairRow& out) {
@@ -314,6 +347,11 @@ void read_phases(std::span<const SampleRow> shifts, const SampleNoise& noise,
                  const FamilyWeights& weights, std::size_t begin, std::size_t end,
                  const PhaseRow& out) {
   HWY_DYNAMIC_DISPATCH(read_phases_row)(shifts, noise, weights, begin, end, out);
+}
+
+void sum_shifts(std::span<const SampleRow> shifts, float saturation_dn, std::size_t begin,
+                std::size_t end, const WeightedSums& sums) {
+  HWY_DYNAMIC_DISPATCH(sum_shifts_row)(shifts, saturation_dn, begin, end, sums);
 }
 
 }  // namespace estimation

@@ -1,6 +1,7 @@
 // The arithmetic of one image row of signals, by vectors of pixels.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <span>
 
@@ -50,6 +51,16 @@ struct PhaseRow {
 void read_phases(std::span<const SampleRow> shifts, const SampleNoise& noise,
                  const FamilyWeights& weights, std::size_t begin, std::size_t end,
                  const PhaseRow& out);
+
+// Sums over the shifts with six sets of weights, [set][shift] to [set][col], over [begin, end); NaN
+// where a sample is lost.
+inline constexpr std::size_t kWeightSets = 6;
+struct WeightedSums {
+  std::array<std::span<const float>, kWeightSets> weights;
+  std::array<float*, kWeightSets> out{};
+};
+void sum_shifts(std::span<const SampleRow> shifts, float saturation_dn, std::size_t begin,
+                std::size_t end, const WeightedSums& sums);
 
 // An amplitude below this many standard deviations has no phase worth the name.
 inline constexpr float kMinAmplitudeSd = 3;

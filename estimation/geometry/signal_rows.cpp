@@ -37,8 +37,7 @@ void check_size(const SignalSet& set, int height_px, int width_px, int channel_c
 
 }  // namespace
 
-SignalSet collect_signals(std::span<const PatternSignal> signals,
-                          const CorrespondenceOptions& options) {
+SignalSet collect_signals(std::span<const PatternSignal> signals, const FrameLevels& levels) {
   check(!signals.empty(), "correspondence of no signals");
   const auto size_of = [](const PatternSignal& signal) {
     return signal.frames.empty()
@@ -47,9 +46,9 @@ SignalSet collect_signals(std::span<const PatternSignal> signals,
   };
   SignalSet set;
   std::tie(set.height_px, set.width_px) = size_of(signals[0]);
-  set.black = options.black;
+  set.black = levels.black;
   // Whole numbers are below a level exactly if they are below its next whole number.
-  set.saturation_dn = static_cast<float>(std::ceil(std::clamp(options.saturation_dn, 0.0, 1e5)));
+  set.saturation_dn = static_cast<float>(std::ceil(std::clamp(levels.saturation_dn, 0.0, 1e5)));
   std::vector<Group> groups;
   for (const PatternSignal& signal : signals) {
     auto group = std::find_if(groups.begin(), groups.end(), [&](const Group& other) {

@@ -29,8 +29,7 @@ struct SignalSet {
   float saturation_dn = 0;             // a whole number; samples below it are used
 };
 
-SignalSet collect_signals(std::span<const PatternSignal> signals,
-                          const CorrespondenceOptions& options);
+SignalSet collect_signals(std::span<const PatternSignal> signals, const FrameLevels& levels);
 
 // One signal along the open row.
 struct SampleRow {

@@ -51,9 +51,11 @@ double stripe_harmonic(int period_px, int width_px, int harmonic);
 // The band of a geometry signal's sample: a Bayer site's own, else 0 (mono, or an RGB frame's sum).
 int spread_band(const CameraInfo& camera, int row, int col);
 
-// From the axis' sweep with the most shifts; averaged over a cell and its eight neighbours. Nullopt
-// without three harmonics: too few shifts, or a stripe width whose harmonics vanish.
-std::optional<SpreadCells> spread_of(std::span<const PatternSignal> signals, Axis axis,
-                                     const CameraInfo& camera, int cell_side_px);
+// From the axis' sweep with the most shifts, where `position_px` is decoded; averaged over a cell
+// and its eight neighbours. Nullopt without three harmonics: too few shifts, or a stripe width
+// whose harmonics vanish. Runs in the caller's oneTBB arena.
+std::optional<SpreadCells> spread_of(std::span<const PatternSignal> signals,
+                                     const FrameLevels& levels, Axis axis, const CameraInfo& camera,
+                                     ImageView<const float> position_px, int cell_side_px);
 
 }  // namespace estimation

@@ -63,7 +63,7 @@ PatternFrames frames_by_pattern(
   const double black_dn = manifest.camera.black_level_dn.value_or(0);
   PatternFrames found;
   found.black = estimation::CameraBlack(black_dn);
-  found.options.saturation_dn = manifest.camera.saturation_level_dn.value_or(
+  found.options.levels.saturation_dn = manifest.camera.saturation_level_dn.value_or(
       (1 << manifest.camera.pixel_format.bit_depth) - 1);
   std::vector<double> exposures_us;
   for (const estimation::Pattern& pattern : manifest.patterns) {
@@ -83,7 +83,7 @@ PatternFrames frames_by_pattern(
   found.options.noise = estimation::merged_noise(
       exposures_us,
       {manifest.camera.gain_e_per_dn.value_or(5), manifest.camera.read_noise_e.value_or(10)},
-      found.options.saturation_dn - black_dn);
+      found.options.levels.saturation_dn - black_dn);
   return found;
 }
 
@@ -95,7 +95,7 @@ std::vector<estimation::PatternSignal> PatternFrames::views() const {
 
 estimation::CorrespondenceOptions PatternFrames::correspondence_options() const {
   estimation::CorrespondenceOptions used = options;
-  used.black = &black;
+  used.levels.black = &black;
   return used;
 }
 
@@ -106,8 +106,8 @@ GeometrySignals merge_signals(const GeometrySession& session) {
   signals.kinds = by_pattern.kinds;
   signals.options = by_pattern.options;
   for (const auto& frames : by_pattern.frames)
-    signals.images.push_back(
-        estimation::merge_brackets(frames, by_pattern.black, by_pattern.options.saturation_dn, {}));
+    signals.images.push_back(estimation::merge_brackets(
+        frames, by_pattern.black, by_pattern.options.levels.saturation_dn, {}));
   return signals;
 }
 
