@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 namespace estimation {
 namespace {
@@ -31,7 +32,9 @@ PixelModel::Binding PixelModel::bind(const FitProblem& problem, const PixelBatch
   reflectance_.clear();
   shifts_px_.clear();
   angles_rad_.clear();
-  is_folded_ = batch.offset_px.empty();
+  const bool was_folded = std::exchange(is_folded_, batch.offset_px.empty());
+  if (is_folded_ != was_folded || problem.shape.period_px != fold_period_px_) folds_.clear();
+  fold_period_px_ = problem.shape.period_px;
   full_signal_ = static_cast<double>(batch.full_signal[pixel]);
   const double period_px = problem.shape.period_px;
   duty_ = problem.shape.width_px / period_px;
@@ -186,15 +189,24 @@ bool PixelModel::evaluate(ShapePoint shape, double phase_px, double tolerance, H
   double* __restrict by_logit = out.by_logit.data();
   double* __restrict by_log = out.by_log.data();
   double* __restrict by_phase = out.by_phase.data();
-  for (std::size_t bin = 0; bin < bins_.size(); ++bin) {
-    const Bin& g = bins_[bin];
+  if (bins_.size() % 2 != 0) bins_.push_back(Bin{});
+  grow_waves(bins_.size());
+  // Two bins at a time: half as many sums to load and to store.
+  for (std::size_t bin = 0; bin < bins_.size(); bin += 2) {
+    const Bin g = bins_[bin], h = bins_[bin + 1];
     const double* __restrict cosine = cosine_.data() + bin * samples;
     const double* __restrict sine = sine_.data() + bin * samples;
+    const double* __restrict next_cosine = cosine + samples;
+    const double* __restrict next_sine = sine + samples;
+    const auto sum = [&](std::size_t i, Part re, Part im) {
+      return (g[re] * cosine[i] + g[im] * sine[i]) +
+             (h[re] * next_cosine[i] + h[im] * next_sine[i]);
+    };
     for (std::size_t i = 0; i < samples; ++i) {
-      value[i] += g[kValueRe] * cosine[i] + g[kValueIm] * sine[i];
-      by_logit[i] += g[kLogitRe] * cosine[i] + g[kLogitIm] * sine[i];
-      by_log[i] += g[kLogRe] * cosine[i] + g[kLogIm] * sine[i];
-      by_phase[i] += g[kPhaseRe] * cosine[i] + g[kPhaseIm] * sine[i];
+      value[i] += sum(i, kValueRe, kValueIm);
+      by_logit[i] += sum(i, kLogitRe, kLogitIm);
+      by_log[i] += sum(i, kLogRe, kLogIm);
+      by_phase[i] += sum(i, kPhaseRe, kPhaseIm);
     }
   }
   return true;
@@ -203,6 +215,7 @@ bool PixelModel::evaluate(ShapePoint shape, double phase_px, double tolerance, H
 // Harmonics at this phase, by bins.
 void PixelModel::fold_harmonics(double phase_px) {
   const std::size_t count = harmonics_.count();
+  while (folds_.size() <= count) folds_.push_back(fold_of(static_cast<int>(folds_.size())));
   const auto half_period = static_cast<std::size_t>(problem_->shape.period_px / 2);
   const std::size_t bin_count = (is_folded_ ? std::min(count, half_period) : count) + 1;
   grow_waves(bin_count);
@@ -213,7 +226,7 @@ void PixelModel::fold_harmonics(double phase_px) {
   for (std::size_t i = 0; i < count; ++i) {
     const int n = static_cast<int>(i) + 1;
     const std::complex<double> factor = twice_factor(n);
-    const Fold fold = fold_of(n);
+    const Fold fold = folds_[i + 1];
     const double re = factor.real() * unit_re - factor.imag() * unit_im;
     const double im = fold.sign * (factor.real() * unit_im + factor.imag() * unit_re);
     const double value = harmonics_.value()[i], by_logit = harmonics_.by_logit()[i],

@@ -99,6 +99,8 @@ class PixelModel {
   std::size_t wave_count_ = 0;                       // bins that the waves hold
   std::vector<double> cosine_, sine_;                // [bin][sample]
   std::vector<double> period_cosine_, period_sine_;  // [px]
+  std::vector<Fold> folds_;                          // [n], kept for pixels of the same period
+  int fold_period_px_ = 0;
   std::vector<Bin> bins_;
   ShapeHarmonics harmonics_;
 };

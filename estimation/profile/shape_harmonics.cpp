@@ -8,8 +8,9 @@
 namespace estimation {
 namespace {
 
-// The model's harmonics come in blocks, each as long as those before together: R_d is inverted once
-// a block, which costs as much as a hundred harmonics.
+// The model's harmonics end where they no longer matter: looked for after so many, twice as many,
+// and so on. As many as the last point had come in one block, others in blocks as long as those
+// before together: R_d is inverted once a block, which costs as much as a hundred harmonics.
 constexpr std::size_t kFirstBlock = 32;
 // Of the model's central differences; errs by 1e-8 of the derivative.
 constexpr double kDifferenceStep = 1e-4;
@@ -62,11 +63,17 @@ bool ShapeHarmonics::from_table(const FitProblem& problem, int most, ShapePoint 
   value_.resize(count);
   by_logit_.resize(count);
   by_log_.resize(count);
+  const std::size_t stride = table->harmonic_stride();
+  const float* __restrict terms = node.data();
+  double* __restrict value = value_.data();
+  double* __restrict by_logit = by_logit_.data();
+  double* __restrict by_log = by_log_.data();
   for (std::size_t n = 0; n < count; ++n) {
-    const double tt = dt * term(3, n), tl = term(4, n), ll = dl * term(5, n);
-    value_[n] = term(0, n) + dt * (term(1, n) + tt + dl * tl) + dl * (term(2, n) + ll);
-    by_logit_[n] = term(1, n) + 2 * tt + dl * tl;
-    by_log_[n] = term(2, n) + 2 * ll + dt * tl;
+    const auto at = [&](std::size_t i) { return static_cast<double>(terms[i * stride + n]); };
+    const double a = at(0), t = at(1), l = at(2), tt = dt * at(3), tl = at(4), ll = dl * at(5);
+    value[n] = a + dt * (t + tt + dl * tl) + dl * (l + ll);
+    by_logit[n] = t + 2 * tt + dl * tl;
+    by_log[n] = l + 2 * ll + dt * tl;
   }
   return true;
 }
@@ -77,14 +84,21 @@ bool ShapeHarmonics::from_model(const FitProblem& problem, int most, ShapePoint 
   by_logit_.clear();
   by_log_.clear();
   const auto greatest = static_cast<std::size_t>(std::max(most, 0));
-  while (value_.size() < greatest) {
+  std::size_t end = std::min(kFirstBlock, greatest);  // where to look
+  for (std::size_t wanted = std::clamp(count_of_model_, end, greatest); value_.size() < greatest;
+       wanted = std::min(2 * value_.size(), greatest)) {
     const std::size_t before = value_.size();
-    if (!append_from_model(problem, shape,
-                           std::min(std::max(kFirstBlock, before), greatest - before)))
-      return false;
-    // plain_ ends with R~ at the block's last harmonic, a step above.
-    if (2 * plain_.back() / (std::numbers::pi * static_cast<double>(value_.size())) < tolerance)
-      break;
+    if (!append_from_model(problem, shape, wanted - before)) return false;
+    for (; end <= value_.size(); end = std::min(2 * end, greatest)) {
+      // The last third of plain_ is R~ a step above.
+      const double height = plain_[2 * (wanted - before) + end - before - 1];
+      if (end < greatest &&
+          !(2 * height / (std::numbers::pi * static_cast<double>(end)) < tolerance))
+        continue;
+      for (std::vector<double>* values : {&value_, &by_logit_, &by_log_}) values->resize(end);
+      count_of_model_ = end;
+      return true;
+    }
   }
   return true;
 }

@@ -48,6 +48,7 @@ class ShapeHarmonics {
                  std::span<const double> log_offsets);
 
   bool is_cut_off_ = false, is_of_table_ = false;
+  std::size_t count_of_model_ = 0;  // at the last point; has no influence on the values
   std::vector<double> value_, by_logit_, by_log_;
   std::vector<double> by_logit_2_, by_both_, by_log_2_;
   StripeShape envelope_of_;

@@ -77,6 +77,9 @@ StressPixels::StressPixels()
                          .harmonic_count = 0,
                          .indirect = sweep.indirect});
   for (const estimation::FitProblem& problem : problems_) fitters_.emplace_back(problem);
+  std::vector<double> cosine;
+  for (std::size_t phase = 0; phase < kPhases; ++phase)
+    cosine.push_back(std::cos(2 * pi * static_cast<double>(phase) / kPhases));
   tbb::parallel_for(std::size_t{0}, kMaterials, [&](std::size_t material) {
     PixelRandom random(material);
     const double reflectance = random_reflectance(random);
@@ -84,11 +87,12 @@ StressPixels::StressPixels()
     std::vector<double> k_times_l_d, transform(kHarmonics + 1);
     for (int n = 0; n <= kHarmonics; ++n) k_times_l_d.push_back(2 * pi * n / kPeriodPx * l_d_px);
     dipole_.transform(reflectance, k_times_l_d, transform);
+    for (int n = 1; n <= kHarmonics; ++n)
+      transform[static_cast<std::size_t>(n)] *= 2 * std::sin(pi * n * kDuty) / (pi * n);
     for (std::size_t phase = 0; phase < kPhases; ++phase) {
       double sum = kDuty * transform[0];
-      for (int n = 1; n <= kHarmonics; ++n)
-        sum += 2 * std::sin(pi * n * kDuty) / (pi * n) * transform[static_cast<std::size_t>(n)] *
-               std::cos(2 * pi * n * static_cast<double>(phase) / kPhases);
+      for (std::size_t n = 1; n <= kHarmonics; ++n)
+        sum += transform[n] * cosine[n * phase % kPhases];
       curves_[material * kPhases + phase] = static_cast<float>(sum);
     }
   });
