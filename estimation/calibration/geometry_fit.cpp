@@ -28,6 +28,9 @@ const double kMedianOfSquares = 2 * std::log(2.0);
 constexpr int kScaleRounds = 8;
 // A pose's own noise is weighed against that of all poses as so many corners.
 constexpr double kPriorCorners = 20;
+// What a pose's projector coordinates err by together (0.0005 px in ray-traced poses) does not
+// average over its hundred corners: as much as this would that is each corner's own.
+constexpr double kLeastProjectorSdPx = 0.005;
 
 tl::unexpected<InputError> insufficient(const std::string& expectation) {
   return tl::unexpected(InputError{InputFault::kInsufficient, "", "", expectation});
@@ -180,7 +183,8 @@ std::vector<BoardPose> rescaled(std::span<const BoardPose> poses, const BundleRe
         noise_over_claim(projector[i], freedom_frac, projector_scale, kPriorCorners);
     for (BoardCorner& corner : result_poses[i].corners) {
       corner.camera_sd_px *= own_camera;
-      corner.projector_sd_px *= own_projector;
+      corner.projector_sd_px =
+          std::max(own_projector * corner.projector_sd_px, kLeastProjectorSdPx);
     }
   }
   return result_poses;

@@ -135,7 +135,7 @@ TEST_F(CalibratedVirtualRig, GeometryIsTheTruth) {
   write_calibration_of(nominal, folder_ / "calibration.json");
   GeometryJob job({estimation::BoardKind::kCheckerboard, 10, 13, 15});
   hw_sim::Effects optics;
-  optics.blur_px = 0.8;  // perfectly sharp pixels would hide where in a pixel a point lies
+  optics.blur_px = 0.8;
   const auto board = world("board", 0, optics);
   for (int pose = 0; pose < 6; ++pose) {
     const fs::path session = capture(*board, board_plan(make_rig_file(size_)), "pose");
@@ -154,10 +154,10 @@ TEST_F(CalibratedVirtualRig, GeometryIsTheTruth) {
   std::printf("rms %.3f and %.3f px; off by %.4f degrees (%.4f), %.3f mm (%.3f)\n",
               fit.camera_rms_px, fit.projector_rms_px, cv::norm(turn) * 180 / CV_PI,
               fit.rotation_sd_deg(), shift_mm, fit.translation_sd_mm());
-  EXPECT_LT(fit.camera_rms_px, 0.05);
-  EXPECT_LT(fit.projector_rms_px, 0.1);
-  EXPECT_LT(cv::norm(turn) * 180 / CV_PI, 0.05);
-  EXPECT_LT(shift_mm, 0.4);
+  EXPECT_LT(fit.camera_rms_px, 0.02);
+  EXPECT_LT(fit.projector_rms_px, 0.03);
+  EXPECT_LT(cv::norm(turn) * 180 / CV_PI, 0.02);
+  EXPECT_LT(shift_mm, 0.15);
 }
 
 TEST_F(CalibratedVirtualRig, RadiometryIsTheTruth) {
