@@ -98,6 +98,12 @@ std::string refusal_line(const std::string& text) {
   return as_line({{"event", "resume refused"}, {"detail", text}});
 }
 
+std::string latency_line(std::chrono::nanoseconds latency) {
+  return as_line(
+      {{"event", "latency measured"},
+       {"latency_us", std::chrono::duration_cast<std::chrono::microseconds>(latency).count()}});
+}
+
 std::string journal_line(const Transition& transition, rig::HostTime start) {
   const SequenceState& state = transition.state;
   Json line{

@@ -1,6 +1,7 @@
 // The journal's lines: how a take was begun, and one for each step of the sequence.
 #pragma once
 
+#include <chrono>
 #include <map>
 #include <string>
 
@@ -22,6 +23,9 @@ std::string resume_line(int good_count, const Take& take);
 
 // It does not, and why.
 std::string refusal_line(const std::string& text);
+
+// Sync mode software: how long after the swap the camera is triggered, as measured.
+std::string latency_line(std::chrono::nanoseconds latency);
 
 // One JSON object: time since `start`, event, phases, pattern, and what was found and done.
 std::string journal_line(const Transition& transition, rig::HostTime start);

@@ -131,7 +131,8 @@ Findings Ledger::edge_seen(const rig::EdgeSeen& edge) {
 // Both are known: was it our flip that the photodiode saw?
 Findings Ledger::check_flip(const Showing& showing) {
   if (showing.is_spoiled || !showing.swapped || !showing.edge) return {};
-  if (rules_.has_edge_per_bracket) return check_lag(showing);
+  if (rules_.latency) return check_latency(showing);
+  if (rules_.is_lag_checked) return check_lag(showing);
   // A swap is reported up to a refresh after the vertical blank at which it happened.
   if (showing.edge->time >= *showing.swapped - rules_.refresh_interval) return {};
   return {about(showing, Incident::kEdgeBeforeFlip,
@@ -139,7 +140,8 @@ Findings Ledger::check_flip(const Showing& showing) {
                     " before the picture was swapped in")};
 }
 
-// The camera does not say what it saw, so a stray trigger must be told from our flip by its time.
+// A camera does not say what it saw, so a stray trigger must be told from our flip by its time; so
+// must a flip from the one before it, where pictures follow each other without waiting.
 Findings Ledger::check_lag(const Showing& showing) {
   const rig::HostTime edge = showing.edge->time;
   const nanoseconds early = showing.flip.requested - edge;
@@ -155,6 +157,14 @@ Findings Ledger::check_lag(const Showing& showing) {
   return {about(showing, is_early ? Incident::kEdgeBeforeFlip : Incident::kEdgeLate,
                 "the edge came " + in_us(std::chrono::abs(difference)) +
                     (is_early ? " earlier" : " later") + " after the swap than the run's first")};
+}
+
+// Our own trigger: not before the light of the picture was there.
+Findings Ledger::check_latency(const Showing& showing) const {
+  const nanoseconds early = *showing.swapped + *rules_.latency - showing.edge->time;
+  if (early <= kCameraTimeUncertainty) return {};
+  return {about(showing, Incident::kEdgeBeforeFlip,
+                "the exposure began " + in_us(early) + " before the picture's light")};
 }
 
 Findings Ledger::edge_ignored(const rig::EdgeIgnored& edge) {
@@ -384,7 +394,12 @@ std::optional<rig::HostTime> Ledger::next_due() const {
 int Ledger::showing_pattern() const {
   return showings_.empty() ? kPrimePattern : showings_.back().flip.pattern;
 }
-bool Ledger::has_swap() const { return !showings_.empty() && showings_.back().swapped; }
+int Ledger::showing_bracket() const {
+  return showings_.empty() ? 0 : showings_.back().flip.first_bracket;
+}
+std::optional<rig::HostTime> Ledger::swapped() const {
+  return showings_.empty() ? std::nullopt : showings_.back().swapped;
+}
 bool Ledger::has_edge() const { return !showings_.empty() && showings_.back().edge; }
 bool Ledger::is_showing_over() const { return !showings_.empty() && is_over(showings_.back()); }
 

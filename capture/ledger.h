@@ -44,6 +44,10 @@ struct LedgerRules {
   std::chrono::milliseconds edge_deadline{500};
   // Each bracket is a showing of its own, whose frame alone tells of its edge and pulse.
   bool has_edge_per_bracket = false;
+  // An edge must come as long after its swap as the run's first: else it is not known to be ours.
+  bool is_lag_checked = false;
+  // Sync mode software: how long after the swap the host triggers. There is no edge but that.
+  std::optional<std::chrono::nanoseconds> latency{};
 
   int brackets_per_showing() const {
     return has_edge_per_bracket ? 1 : static_cast<int>(exposures.size());
@@ -140,7 +144,8 @@ class Ledger {
 
   // The showing under way, or the last one.
   int showing_pattern() const;
-  bool has_swap() const;
+  int showing_bracket() const;  // its first
+  std::optional<rig::HostTime> swapped() const;
   bool has_edge() const;
   bool is_showing_over() const;  // all its pulses have ended
   // The bracket that the last showing's pattern still lacks a showing of; kNoBracket: none.
@@ -199,6 +204,7 @@ class Ledger {
   std::optional<Finding> contradiction(const FrameFacts& facts, const Pulse& pulse) const;
   Findings check_flip(const Showing& showing);
   Findings check_lag(const Showing& showing);
+  Findings check_latency(const Showing& showing) const;
   Slot& slot(SlotId id);
   Evidence evidence_of(const FrameFacts& facts, const Pulse& pulse) const;
   Finding about(const Showing& showing, Incident incident, std::string detail) const;

@@ -97,6 +97,10 @@ class Runner {
     else
       pending_.push_back(Armed{});
   }
+  void act(const Fire&) {
+    if (const auto fired = devices_.camera.trigger_software(); !fired)
+      pending_.push_back(CommandRefused{rig::Device::kCamera, fired.error()});
+  }
   void act(const Disarm&) {
     devices_.trigger.disarm();
     devices_.camera.disarm();
@@ -135,13 +139,39 @@ class Runner {
   bool is_failure_told_ = false;
 };
 
+// Beyond exposures and readout: edges that are seen late, such as a slow photodiode's.
+constexpr std::chrono::microseconds kPaceMargin{5000};
+// Fewer, and an edge could be taken for its neighbour's.
+constexpr int kFewestRefreshes = 3;
+
+// Refreshes from swap to swap, for each showing of a pattern. One more than its exposures take: the
+// sync square is scanned out last, so it flips a refresh after the next picture's first row.
+std::vector<int> paced_refreshes(const rig::RigFile& rig_file, const LedgerRules& rules) {
+  std::vector<int> refreshes;
+  const auto bracket_count = static_cast<int>(rules.exposures.size());
+  for (int first = 0; first < bracket_count; first += rules.brackets_per_showing()) {
+    std::chrono::nanoseconds busy = rig_file.sequence.readout + kPaceMargin;
+    for (int i = 0; i < rules.brackets_per_showing(); ++i)
+      busy += rules.exposures[static_cast<std::size_t>(first + i)] +
+              (i > 0 ? rules.gap : std::chrono::microseconds(0));
+    if (!rules.has_edge_per_bracket)
+      busy += std::max(rig_file.trigger.delay_rise, rig_file.trigger.delay_fall);
+    const auto whole =
+        (busy + rules.refresh_interval - std::chrono::nanoseconds(1)) / rules.refresh_interval;
+    refreshes.push_back(std::max(static_cast<int>(whole) + 1, kFewestRefreshes));
+  }
+  return refreshes;
+}
+
 }  // namespace
 
 int retake_count(const SequenceState& state) { return state.retake_total; }
 
-SequenceRules make_rules(const rig::RigFile& rig_file, double refresh_hz) {
+SequenceRules make_rules(const rig::RigFile& rig_file,
+                         const std::vector<std::chrono::microseconds>& exposures,
+                         double refresh_hz) {
   SequenceRules rules;
-  rules.ledger.exposures = rig_file.sequence.exposures;
+  rules.ledger.exposures = exposures;
   rules.ledger.has_edge_per_bracket = rig_file.sequence.sync != rig::SyncMode::kTriggerBox;
   rules.ledger.gap =
       rules.ledger.has_edge_per_bracket ? rig_file.sequence.readout : rig_file.trigger.gap;
@@ -154,6 +184,9 @@ SequenceRules make_rules(const rig::RigFile& rig_file, double refresh_hz) {
   rules.ledger.edge_deadline = rig_file.sequence.edge_deadline;
   rules.retake_limit = rig_file.sequence.retake_limit;
   rules.reopen_deadline = rig_file.sequence.reopen_deadline;
+  const bool is_paced = rig_file.sequence.pace == rig::Pace::kPaced;
+  rules.ledger.is_lag_checked = is_paced || rig_file.sequence.sync == rig::SyncMode::kCameraLine;
+  if (is_paced) rules.refreshes_per_showing = paced_refreshes(rig_file, rules.ledger);
   return rules;
 }
 

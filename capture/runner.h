@@ -48,8 +48,11 @@ struct RunResult {
 
 int retake_count(const SequenceState& state);
 
-// The rules that a rig file implies; `refresh_hz` as the projector measured it.
-SequenceRules make_rules(const rig::RigFile& rig_file, double refresh_hz);
+// The rules that a rig file implies for a plan's exposures; `refresh_hz` as the projector measured
+// it. Sync mode software lacks the latency yet (capture/projector_latency.h).
+SequenceRules make_rules(const rig::RigFile& rig_file,
+                         const std::vector<std::chrono::microseconds>& exposures,
+                         double refresh_hz);
 
 // Runs a plan on the calling thread, which becomes the session thread. Returns with the devices
 // disarmed and the projector black (or lost), whatever happened. `stop` aborts.

@@ -16,6 +16,7 @@ constexpr milliseconds kBlackDeadline{500};
 constexpr milliseconds kReopenPeriod{500};
 // Frames of no more showings than that are on their way at a time.
 constexpr int kOpenShowingLimit = 2;
+constexpr int kPacedShowingLimit = 6;
 
 template <typename... Handlers>
 struct Overloaded : Handlers... {
@@ -25,7 +26,8 @@ template <typename... Handlers>
 Overloaded(Handlers...) -> Overloaded<Handlers...>;
 
 bool is_running(const Phase& phase) {
-  return std::holds_alternative<Showing>(phase) || std::holds_alternative<Exposing>(phase) ||
+  return std::holds_alternative<Showing>(phase) || std::holds_alternative<Delaying>(phase) ||
+         std::holds_alternative<Exposing>(phase) || std::holds_alternative<Pacing>(phase) ||
          std::holds_alternative<Collecting>(phase) || std::holds_alternative<Confirming>(phase);
 }
 
@@ -122,7 +124,7 @@ class Turn {
     } else if (const auto* blackening = std::get_if<Blackening>(&state().phase)) {
       if (blackening->show_id == shown.show_id) state().phase = Ended{};
     } else if (is_running(state().phase)) {
-      if (!rules_.ledger.has_edge_per_bracket) confirm(shown.show_id);
+      if (!is_confirmed_by_edge()) confirm(shown.show_id);
       react(ledger().picture_shown(shown));
       confirm_by_edge();
     }
@@ -236,9 +238,13 @@ class Turn {
     for (const KeepFrame& frame : std::exchange(state().unconfirmed, {})) keep(frame);
   }
 
+  // Where a stray trigger could be taken for a flip.
+  bool is_confirmed_by_edge() const {
+    return rules_.ledger.has_edge_per_bracket && !rules_.ledger.latency;
+  }
+
   void confirm_by_edge() {
-    if (rules_.ledger.has_edge_per_bracket && is_running(state().phase))
-      confirm(ledger().proved_show_id());
+    if (is_confirmed_by_edge() && is_running(state().phase)) confirm(ledger().proved_show_id());
   }
 
   void discard_unconfirmed() {
@@ -281,10 +287,11 @@ class Turn {
 
   // Reacting, by the table of reaction.h.
   void react(const Findings& findings) {
-    for (const Finding& finding : findings) {
+    for (const Finding& found : findings) {
       if (is_over(state().phase)) return;
+      const Reaction reaction = reaction_here(found);
+      const Finding finding = charged(found);
       ledger().note(finding);
-      const Reaction reaction = reaction_here(finding);
       step_.reacted.push_back({finding, reaction});
       switch (reaction) {
         case Reaction::kIgnore:
@@ -302,6 +309,16 @@ class Turn {
           break;
       }
     }
+  }
+
+  // What confirms a pattern and fails is held against that pattern.
+  Finding charged(Finding finding) {
+    const bool is_confirming = std::holds_alternative<Confirming>(state().phase);
+    if (!is_confirming || finding.pattern != kPrimePattern || state().unconfirmed.empty())
+      return finding;
+    finding.pattern = state().unconfirmed.back().slot.pattern;
+    finding.bracket = kNoBracket;
+    return finding;
   }
 
   // The table, but for two things: a showing that is to be retaken anyhow is not retaken twice, and
@@ -380,8 +397,11 @@ class Turn {
     if (const auto* settling = std::get_if<Settling>(&state().phase)) {
       if (now_ >= settling->deadline) arm();
     } else if (std::holds_alternative<Showing>(state().phase)) {
-      if (ledger().has_edge()) state().phase = Exposing{};
-      if (ledger().is_showing_over()) show_next();
+      wait_for_the_showing();
+    } else if (const auto* delaying = std::get_if<Delaying>(&state().phase)) {
+      if (now_ >= delaying->fire_at) fire();
+    } else if (const auto* pacing = std::get_if<Pacing>(&state().phase)) {
+      if (now_ >= pacing->next_show) show_next();
     } else if (std::holds_alternative<Exposing>(state().phase)) {
       if (ledger().is_showing_over()) show_next();
     } else if (std::holds_alternative<Collecting>(state().phase)) {
@@ -389,6 +409,32 @@ class Turn {
     } else if (std::holds_alternative<Confirming>(state().phase)) {
       if (state().unconfirmed.empty()) end(Outcome::kComplete);
     }
+  }
+
+  void wait_for_the_showing() {
+    const auto swapped = ledger().swapped();
+    if (rules_.ledger.latency) {
+      if (swapped) state().phase = Delaying{*swapped + *rules_.ledger.latency};
+    } else if (is_paced()) {
+      if (swapped) state().phase = Pacing{*swapped + pace()};
+    } else {
+      if (ledger().has_edge()) state().phase = Exposing{};
+      if (ledger().is_showing_over()) show_next();
+    }
+  }
+
+  bool is_paced() { return !rules_.refreshes_per_showing.empty() && ledger().is_primed(); }
+
+  // From a swap until the next picture is asked for: in the refresh before it is to be swapped in.
+  std::chrono::nanoseconds pace() {
+    const int showing = ledger().showing_bracket() / rules_.ledger.brackets_per_showing();
+    const int refreshes = rules_.refreshes_per_showing[static_cast<std::size_t>(showing)];
+    return rules_.ledger.refresh_interval * (4 * refreshes - 3) / 4;
+  }
+
+  void fire() {
+    step_.actions.push_back(Fire{});
+    state().phase = Exposing{};
   }
 
   void show_next() {
@@ -405,7 +451,7 @@ class Turn {
       if (state().unconfirmed.empty()) return end(Outcome::kComplete);
       confirm_last();
     } else if (!state().queue.empty()) {
-      if (open_count < kOpenShowingLimit) {
+      if (open_count < (is_paced() ? kPacedShowingLimit : kOpenShowingLimit)) {
         const int pattern = state().queue.front();
         state().queue.pop_front();
         show(pattern, 0);
@@ -417,7 +463,7 @@ class Turn {
 
   void confirm_last() {
     const rig::HostTime deadline = now_ + rules_.ledger.edge_deadline;
-    if (!rules_.ledger.has_edge_per_bracket) {
+    if (!is_confirmed_by_edge()) {
       state().phase = Confirming{ask_for(rig::kBlackPicture), deadline};
       return;
     }
@@ -436,7 +482,7 @@ class Turn {
   void arm() {
     const int bracket_count = static_cast<int>(rules_.ledger.exposures.size());
     // The patterns, the priming, what confirms the last, and as many retakes as one may have.
-    const int confirming_count = rules_.ledger.has_edge_per_bracket ? 1 : 0;
+    const int confirming_count = is_confirmed_by_edge() ? 1 : 0;
     const int showing_count =
         static_cast<int>(state().queue.size()) + 1 + confirming_count + rules_.retake_limit;
     ++state().run_id;
@@ -488,18 +534,20 @@ Step Sequence::next(SequenceState state, const SequenceEvent& event, rig::HostTi
 }
 
 std::optional<rig::HostTime> Sequence::deadline(const SequenceState& state) {
-  std::optional<rig::HostTime> due =
-      std::visit(Overloaded{[](const Idle&) { return std::optional<rig::HostTime>(); },
-                            [](const Ended&) { return std::optional<rig::HostTime>(); },
-                            [](const Showing&) { return std::optional<rig::HostTime>(); },
-                            [](const Exposing&) { return std::optional<rig::HostTime>(); },
-                            [](const Collecting&) { return std::optional<rig::HostTime>(); },
-                            [](const Reopening& reopening) {
-                              return std::optional(reopening.is_trying ? reopening.give_up
-                                                                       : reopening.next_try);
-                            },
-                            [](const auto& waiting) { return std::optional(waiting.deadline); }},
-                 state.phase);
+  std::optional<rig::HostTime> due = std::visit(
+      Overloaded{[](const Idle&) { return std::optional<rig::HostTime>(); },
+                 [](const Ended&) { return std::optional<rig::HostTime>(); },
+                 [](const Showing&) { return std::optional<rig::HostTime>(); },
+                 [](const Exposing&) { return std::optional<rig::HostTime>(); },
+                 [](const Collecting&) { return std::optional<rig::HostTime>(); },
+                 [](const Delaying& delaying) { return std::optional(delaying.fire_at); },
+                 [](const Pacing& pacing) { return std::optional(pacing.next_show); },
+                 [](const Reopening& reopening) {
+                   return std::optional(reopening.is_trying ? reopening.give_up
+                                                            : reopening.next_try);
+                 },
+                 [](const auto& waiting) { return std::optional(waiting.deadline); }},
+      state.phase);
   if (is_running(state.phase)) {
     const auto frame_due = state.ledger.next_due();
     if (frame_due && (!due || *frame_due < *due)) due = frame_due;
@@ -508,9 +556,9 @@ std::optional<rig::HostTime> Sequence::deadline(const SequenceState& state) {
 }
 
 std::string_view name_of(const Phase& phase) {
-  constexpr std::string_view kNames[] = {"idle",      "darkening",  "settling",   "arming",
-                                         "showing",   "exposing",   "collecting", "confirming",
-                                         "reopening", "blackening", "ended"};
+  constexpr std::string_view kNames[] = {
+      "idle",   "darkening",  "settling",   "arming",    "showing",    "delaying", "exposing",
+      "pacing", "collecting", "confirming", "reopening", "blackening", "ended"};
   static_assert(std::size(kNames) == std::variant_size_v<Phase>);
   return kNames[phase.index()];
 }

@@ -10,6 +10,8 @@
 //                    └──── any of these ◄── Collecting ◄─────────── Exposing ─last pulse─┘
 //                                               │ all slots filled       ended
 //                                               ▼
+//     Showing ─swap─► Delaying ─latency: fire─► Exposing     (sync mode software)
+//     Showing ─swap─► Pacing ─its refreshes─► the next Showing, or Collecting     (pace paced)
 //     any state ─abort, failure─► Blackening ◄─ Confirming
 //                                     │ black shown, or its deadline
 //                                     ▼
@@ -27,6 +29,9 @@
 // the frame was ours. Confirming is that for the last pattern: black under the same square.
 // Deadlines: every waiting state has one in it or, for edges, pulses and frames, in the ledger;
 // deadline() is the earliest, and TimePassed makes next() look at them.
+//
+// Pace paced: the next picture is asked for a fixed number of refreshes after this one's swap,
+// enough for its exposures; edges, pulses and frames are checked behind. The priming waits as ever.
 //
 // Without a trigger box (LedgerRules::has_edge_per_bracket) each bracket of a pattern is a showing:
 // the same picture under a flipped square, one edge, one frame, which alone tells of the edge. All
@@ -63,6 +68,9 @@ struct SequenceRules {
   int reopen_limit = 3;  // per capture
   // Black and still before arming: more than any projector's input lag (6 refreshes at 60 Hz).
   std::chrono::milliseconds settle_time{100};
+  // Pace paced: refreshes from the swap of each showing of a pattern to the next swap. Empty:
+  // handshake.
+  std::vector<int> refreshes_per_showing{};
 };
 
 // What the runner tells the sequence beside the devices' own events.
@@ -116,6 +124,12 @@ struct Arming {
 // The ledger has the deadlines of edges, pulses and frames.
 struct Showing {};
 struct Exposing {};
+struct Delaying {  // the picture is on its way through the projector
+  rig::HostTime fire_at;
+};
+struct Pacing {
+  rig::HostTime next_show;
+};
 struct Collecting {};
 struct Confirming {
   std::uint64_t show_id = 0;
@@ -132,8 +146,8 @@ struct Blackening {
   rig::HostTime deadline;
 };
 struct Ended {};
-using Phase = std::variant<Idle, Darkening, Settling, Arming, Showing, Exposing, Collecting,
-                           Confirming, Reopening, Blackening, Ended>;
+using Phase = std::variant<Idle, Darkening, Settling, Arming, Showing, Delaying, Exposing, Pacing,
+                           Collecting, Confirming, Reopening, Blackening, Ended>;
 std::string_view name_of(const Phase& phase);
 
 struct KeepFrame {
@@ -170,6 +184,7 @@ struct Arm {  // camera first: the box must not fire into a camera that does not
   std::uint32_t run_id = 0;
   int frame_count = 0;
 };
+struct Fire {};    // one exposure, now
 struct Disarm {};  // box first; frames not kept so far are let go
 struct Reopen {    // answered by Reopened or ReopenRefused
   rig::Device device = rig::Device::kCamera;
@@ -177,7 +192,7 @@ struct Reopen {    // answered by Reopened or ReopenRefused
 struct DropFrame {
   std::uint64_t ticket = 0;
 };
-using Action = std::variant<Show, Arm, Disarm, Reopen, KeepFrame, DropFrame>;
+using Action = std::variant<Show, Arm, Fire, Disarm, Reopen, KeepFrame, DropFrame>;
 
 struct Reacted {
   Finding finding;

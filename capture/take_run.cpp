@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "capture/journal.h"
+#include "capture/projector_latency.h"
 
 namespace capture {
 namespace {
@@ -43,6 +44,18 @@ class FrameFork final : public FrameConsumer {
 bool is_worth_noting(const Transition& transition) {
   return !std::holds_alternative<TimePassed>(transition.event) || !transition.reacted.empty() ||
          transition.from != name_of(transition.state.phase);
+}
+
+// The take that could not begin because the projector's latency is not known.
+RunResult unmeasured(const rig::Error& error, const std::stop_token& stop) {
+  RunResult result;
+  result.outcome = stop.stop_requested() ? Outcome::kAborted : Outcome::kFailed;
+  if (result.outcome == Outcome::kFailed)
+    result.failure = Failure{incident_of(error.fault),
+                             std::nullopt,
+                             {},
+                             "measuring the projector's latency: " + error.detail};
+  return result;
 }
 
 }  // namespace
@@ -95,8 +108,13 @@ RunResult run_take(Devices devices, const rig::RigFile& rig_file, const Take& ta
   FrameFork fork(take, sinks);
   const rig::HostTime start = devices.events.now();
   const double refresh_hz = devices.projector.report().measured_refresh_hz;
-  SequenceRules rules = make_rules(rig_file, refresh_hz);
-  rules.ledger.exposures = take.plan.exposures;
+  SequenceRules rules = make_rules(rig_file, take.plan.exposures, refresh_hz);
+  if (rig_file.sequence.sync == rig::SyncMode::kSoftware) {
+    const auto latency = measure_latency(devices, rig_file.projector, rules.ledger, stop);
+    if (!latency) return unmeasured(latency.error(), stop);
+    rules.ledger.latency = *latency;
+    sinks.writer.journal(latency_line(*latency));
+  }
   return run_capture(devices, take.plan, rig_file.projector, rules, fork, stop,
                      [&](const Transition& transition) {
                        if (is_worth_noting(transition))

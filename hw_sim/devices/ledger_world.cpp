@@ -1,7 +1,9 @@
 #include "hw_sim/devices/ledger_world.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
+#include <numeric>
 
 #include "estimation/base/check.h"
 
@@ -20,6 +22,8 @@ constexpr std::size_t kWordCount = kSampleCount / 4;  // of 64 bits, four sample
 // magic, trigger number, exposure, segment count, then three a segment, the hash of all last
 constexpr std::size_t kHeaderWords = 4;
 constexpr std::size_t kSegmentLimit = (kWordCount - kHeaderWords - 1) / 3;
+constexpr double kWhite_dn = 50'000;  // under a white picture, whatever the exposure
+constexpr std::uint64_t kEverySample = 0x0001'0001'0001'0001;
 
 std::uint64_t hash_words(const std::uint64_t* words, std::size_t count) {
   std::uint64_t hash = kHashStart;
@@ -28,6 +32,19 @@ std::uint64_t hash_words(const std::uint64_t* words, std::size_t count) {
     hash ^= hash >> 29;  // FNV on words mixes upwards only
   }
   return hash;
+}
+
+// Four samples of what the light was on average.
+std::uint64_t grey_word(const Exposure& exposure) {
+  double light = 0, time = 1e-9;
+  for (const LightSegment& segment : exposure.light) {
+    const auto levels = segment.picture->brightness.samples();
+    const double mean = std::accumulate(levels.begin(), levels.end(), 0.0) /
+                        static_cast<double>(std::max<std::size_t>(levels.size(), 1));
+    light += mean / 255 * static_cast<double>(segment.duration.count());
+    time += static_cast<double>(segment.duration.count());
+  }
+  return kEverySample * static_cast<std::uint64_t>(std::lround(kWhite_dn * light / time));
 }
 
 }  // namespace
@@ -57,6 +74,9 @@ void LedgerWorld::expose(const Exposure& exposure,
     words[kHeaderWords + 3 * i + 2] =
         static_cast<std::uint64_t>(duration_cast<microseconds>(segment.duration).count());
   }
+  const std::size_t identity_end = kHeaderWords + 3 * segment_count;
+  std::fill(words.begin() + static_cast<std::ptrdiff_t>(identity_end), words.end(),
+            grey_word(exposure));
   words.back() = hash_words(words.data(), kWordCount - 1);
   for (int row = 0; row < kHeightPx; ++row)
     std::memcpy(frame_dn.row(row).data(),

@@ -1,5 +1,6 @@
-// A world of identity and nothing else: every frame says which pictures lit it, for how long, and
-// which pulse made it, so that a test can prove whose a frame is. 64 x 48 px, 16 bit, mono.
+// A world of identity and little else: every frame says which pictures lit it, for how long, and
+// which pulse made it, so that a test can prove whose a frame is. 64 x 48 px, 16 bit, mono. What
+// the identity leaves of the frame is as bright as the light that fell in.
 #pragma once
 
 #include <chrono>

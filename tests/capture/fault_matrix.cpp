@@ -181,6 +181,7 @@ bool MatrixRig::has_part_for(FaultKind kind) const {
     case FaultKind::kPhotodiodeSlowFall:
     case FaultKind::kPhotodiodeStuck:
     case FaultKind::kPhotodiodeDim:
+    case FaultKind::kFlipLate:  // which nobody can see there
       return sync != rig::SyncMode::kSoftware;
     default:
       return true;
@@ -193,7 +194,10 @@ const std::vector<MatrixRig>& matrix_rigs() {
   static const std::vector<MatrixRig> rigs = {
       {"Sync mode trigger_box, bracketing by the camera's sequencer", kTriggerBox, kSequencer},
       {"Sync mode trigger_box, bracketing by the pulse's width", kTriggerBox, kTriggerWidth},
+      {"Sync mode trigger_box, paced", kTriggerBox, kSequencer, rig::Pace::kPaced},
       {"Sync mode camera_line", kCameraLine, kSequencer},
+      {"Sync mode camera_line, paced", kCameraLine, kSequencer, rig::Pace::kPaced},
+      {"Sync mode software", kSoftware, kSequencer},
   };
   return rigs;
 }

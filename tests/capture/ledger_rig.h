@@ -106,10 +106,18 @@ struct LedgerCapture {
     }
   }
 
+  SequenceRules rules() {
+    SequenceRules made =
+        make_rules(rig_file, plan.exposures, rig.projector().report().measured_refresh_hz);
+    // As it would be measured, with its margin of a refresh.
+    if (rig_file.sequence.sync == rig::SyncMode::kSoftware)
+      made.ledger.latency = made.ledger.refresh_interval * 2;
+    return made;
+  }
+
   RunResult run(const std::stop_token& stop = {}, const OnTransition& also = {}) {
-    const double refresh_hz = rig.projector().report().measured_refresh_hz;
     return run_capture({rig.projector(), rig.trigger(), rig.camera(), rig.timeline(), &rig}, plan,
-                       rig_file.projector, make_rules(rig_file, refresh_hz), keeper, stop,
+                       rig_file.projector, rules(), keeper, stop,
                        [&](const Transition& transition) {
                          for (const Reacted& reacted : transition.reacted)
                            ++incidents[reacted.finding.incident];

@@ -24,14 +24,32 @@ TEST(LedgerWorldCapture, FillsEverySlotWithItsOwnFrame) {
   EXPECT_TRUE(capture.incidents.empty());
 }
 
-TEST(LedgerWorldCapture, PhotodiodeOnTheCamerasLineNeedsNoBox) {
-  LedgerCapture capture({}, boxless_rig_file(rig::SyncMode::kCameraLine));
+void expect_faultless(const rig::RigFile& rig_file) {
+  LedgerCapture capture({}, rig_file);
   const RunResult result = capture.run();
   EXPECT_EQ(result.outcome, Outcome::kComplete) << (result.failure ? result.failure->text : "");
   EXPECT_EQ(capture.keeper.frames.size(), 176U);
   EXPECT_EQ(capture.wrong_frame_count(), 0);
   EXPECT_EQ(result.retake_count, 0);
   EXPECT_TRUE(capture.incidents.empty());
+}
+
+TEST(LedgerWorldCapture, PhotodiodeOnTheCamerasLineNeedsNoBox) {
+  expect_faultless(boxless_rig_file(rig::SyncMode::kCameraLine));
+}
+
+TEST(LedgerWorldCapture, SoftwareTriggerNeedsNoPhotodiode) {
+  expect_faultless(boxless_rig_file(rig::SyncMode::kSoftware));
+}
+
+TEST(LedgerWorldCapture, PacedWaitsForNothing) {
+  for (const auto sync : {rig::SyncMode::kTriggerBox, rig::SyncMode::kCameraLine}) {
+    SCOPED_TRACE(static_cast<int>(sync));
+    rig::RigFile rig_file =
+        sync == rig::SyncMode::kTriggerBox ? ledger_rig_file() : boxless_rig_file(sync);
+    rig_file.sequence.pace = rig::Pace::kPaced;
+    expect_faultless(rig_file);
+  }
 }
 
 TEST(LedgerWorldCapture, LeavesTheProjectorBlackAndTheDevicesDisarmed) {
