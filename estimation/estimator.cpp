@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numbers>
 #include <optional>
 #include <utility>
@@ -160,6 +161,7 @@ class Estimator::Implementation {
     std::vector<MergedNoise> merged;
     bool is_measured = false;  // the camera's own numbers; else told by the data, or assumed
   };
+  std::map<std::vector<double>, int> exposures_us(const std::optional<StripeSet>& stripes) const;
   Noise noise_of(const std::optional<StripeSet>& stripes) const;
 
   Manifest manifest_;
@@ -297,22 +299,39 @@ Correspondence Estimator::Implementation::correspond(std::span<const MergedNoise
   return found;
 }
 
+// What the stripes were taken with, and how often: a frame may be missing here and there.
+std::map<std::vector<double>, int> Estimator::Implementation::exposures_us(
+    const std::optional<StripeSet>& stripes) const {
+  if (!stripes) return {{signals_.patterns.front().exposures_us, 1}};
+  std::map<std::vector<double>, int> counts;
+  for (const auto& sources : stripes->sources)
+    for (const std::size_t source : sources) ++counts[signals_.patterns[source].exposures_us];
+  return counts;
+}
+
 Estimator::Implementation::Noise Estimator::Implementation::noise_of(
     const std::optional<StripeSet>& stripes) const {
-  const PatternRate& typical =
-      signals_.patterns[stripes ? stripes->sources.front().front() : std::size_t{0}];
-  const double longest_us = typical.exposures_us.back();
-  const double headroom_dn = saturation_dn() - black_.mean_dn(longest_us);
+  const auto of_sensor = [&](const auto& sensor) {
+    std::vector<SharedNoise> kinds;
+    for (const auto& [exposures, count] : exposures_us(stripes)) {
+      const double headroom_dn = saturation_dn() - black_.mean_dn(exposures.back());
+      kinds.push_back({merged_noise(exposures, sensor(headroom_dn), headroom_dn), double(count)});
+    }
+    return above_background(mean_noise(kinds), signals_.background_dn_per_us);
+  };
   if (camera().gain_e_per_dn.value_or(0) > 0 && camera().read_noise_e)
-    return {merged_noise(typical.exposures_us, {*camera().gain_e_per_dn, *camera().read_noise_e},
-                         headroom_dn),
+    return {of_sensor([&](double) {
+              return SensorNoise{*camera().gain_e_per_dn, *camera().read_noise_e};
+            }),
             true};
   if (stripes && is_fine_sweep(*stripes))
     if (const auto estimated = noise_from_stripes(signals_of(*stripes, signals_.patterns).views))
       return {{*estimated}, false};
   // Nothing to tell it from: a 20 ke- full well and 10 e- read noise, as cameras of this class
   // have.
-  return {merged_noise(typical.exposures_us, {20000 / std::max(headroom_dn, 1.0), 10}, headroom_dn),
+  return {of_sensor([](double headroom_dn) {
+            return SensorNoise{20000 / std::max(headroom_dn, 1.0), 10};
+          }),
           false};
 }
 

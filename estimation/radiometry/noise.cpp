@@ -61,6 +61,38 @@ std::vector<MergedNoise> merged_noise(std::vector<double> exposures_us, const Se
   return noise;
 }
 
+std::vector<MergedNoise> mean_noise(std::span<const SharedNoise> kinds) {
+  if (kinds.size() == 1) return kinds.front().noise;
+  std::vector<double> ends;
+  double shares = 0;
+  for (const SharedNoise& kind : kinds) {
+    shares += kind.share;
+    for (const MergedNoise& entry : kind.noise) ends.push_back(entry.up_to_dn_per_us);
+  }
+  std::sort(ends.begin(), ends.end());
+  ends.erase(std::unique(ends.begin(), ends.end()), ends.end());
+  std::vector<MergedNoise> mean;
+  for (const double end : ends) {
+    MergedNoise& sum = mean.emplace_back(MergedNoise{.up_to_dn_per_us = end});
+    for (const SharedNoise& kind : kinds) {
+      const auto own = std::find_if(kind.noise.begin(), kind.noise.end(),
+                                    [&](const auto& e) { return end <= e.up_to_dn_per_us; });
+      sum.read_variance += kind.share / shares * own->read_variance;
+      sum.shot_dn_per_us += kind.share / shares * own->shot_dn_per_us;
+    }
+  }
+  return mean;
+}
+
+std::vector<MergedNoise> above_background(std::vector<MergedNoise> noise,
+                                          double background_dn_per_us) {
+  for (MergedNoise& entry : noise) {
+    entry.up_to_dn_per_us -= background_dn_per_us;  // infinity stays
+    entry.read_variance += entry.shot_dn_per_us * background_dn_per_us;
+  }
+  return noise;
+}
+
 double variance_at(std::span<const MergedNoise> noise, double signal_dn_per_us) {
   if (noise.empty()) return 0;
   const auto of = [&](const MergedNoise& entry, double signal) {

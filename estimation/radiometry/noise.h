@@ -30,6 +30,19 @@ struct MergedNoise {
 std::vector<MergedNoise> merged_noise(std::vector<double> exposures_us, const SensorNoise& sensor,
                                       double headroom_dn);
 
+// Of samples that were merged from different exposures, each `noise` as often as `share` says; at
+// least one. Samples weighted alike are as noisy as this together.
+struct SharedNoise {
+  std::vector<MergedNoise> noise;
+  double share = 0;  // of any sum
+};
+std::vector<MergedNoise> mean_noise(std::span<const SharedNoise> kinds);
+
+// The same of samples that light was subtracted from which comes on top of their signals, DN/us: a
+// black pattern's. It adds its shot noise, and saturation comes that much earlier.
+std::vector<MergedNoise> above_background(std::vector<MergedNoise> noise,
+                                          double background_dn_per_us);
+
 // Of a sample whose expected signal this is. Near an entry's end noise decides which exposures stay
 // below saturation: there the variance goes over to the next entry's linearly, over a width of
 // kMixtureWidth standard deviations. An estimate weighted by a jump would have two solutions in one

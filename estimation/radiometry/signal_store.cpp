@@ -48,6 +48,27 @@ void subtract(const Image<float>& black, Image<float>& rate) {
   });
 }
 
+// The black pattern's signal on average over samples spread over the picture, each weighted by its
+// light in `patterns`: what counts is the subject, not what is behind it.
+double mean_where_lit(const Image<float>& black, const std::vector<PatternRate>& patterns) {
+  constexpr std::size_t kAboutSamples = 10000;
+  // Odd, lest it fall on one colour of a Bayer sensor.
+  const std::size_t step = black.samples().size() / kAboutSamples | 1U;
+  double sum = 0, weights = 0;
+  for (std::size_t i = 0; i < black.samples().size(); i += step) {
+    const double dark = static_cast<double>(black.samples()[i]);
+    if (!(dark > 0)) continue;
+    double light = 0;
+    for (const PatternRate& pattern : patterns) {
+      const double lit = static_cast<double>(pattern.rate.samples()[i]);
+      if (lit > 0) light += lit;
+    }
+    sum += light * dark;
+    weights += light;
+  }
+  return weights > 0 ? sum / weights : 0;
+}
+
 }  // namespace
 
 SignalStore::SignalStore(const Manifest& manifest, CameraBlack black, double saturation_dn,
@@ -139,6 +160,7 @@ SignalStore::Signals SignalStore::take() {
     return std::holds_alternative<Black>(pattern.pattern->kind);
   });
   for (PatternRate& pattern : signals.patterns) subtract(black, pattern.rate);
+  signals.background_dn_per_us = mean_where_lit(black, signals.patterns);
   return signals;
 }
 

@@ -37,6 +37,9 @@ class SignalStore {
   struct Signals {
     std::vector<PatternRate> patterns;
     bool is_black_subtracted = false;
+    // What was subtracted, DN/us on average where it and the other patterns' light are, each sample
+    // as much as it has of that; 0 without a black pattern.
+    double background_dn_per_us = 0;
     std::vector<std::string> notes;
   };
   Signals take();

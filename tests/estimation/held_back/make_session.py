@@ -246,12 +246,18 @@ class Rig:
         pw, ph = o["projector"]
         pf = self.distance / o["pitch_mm"]
         self.projector_K = [[pf, 0, (pw - 1) / 2], [0, pf, (ph - 1) / 2], [0, 0, 1]]
-        angle = math.atan2(o["baseline_mm"], self.distance)
-        c, s = math.cos(angle), math.sin(angle)
-        self.R = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
-        centre = [o["baseline_mm"], 0.1 * o["baseline_mm"], 0]
-        self.centre = centre
-        self.t = [-dot(row, centre) for row in self.R]
+        towards = math.radians(o["baseline_deg"])
+        c, s = o["baseline_mm"] * math.cos(towards), o["baseline_mm"] * math.sin(towards)
+        self.centre = [c - 0.1 * s, s + 0.1 * c, 0]
+        # It looks at a point a tenth of the baseline off the camera's axis, then rolls.
+        forward = unit([-c, -s, self.distance])
+        right = unit(cross([0, 1, 0], forward))
+        down = cross(forward, right)
+        roll = math.radians(o["projector_roll_deg"])
+        c, s = math.cos(roll), math.sin(roll)
+        self.R = [[c * x + s * y for x, y in zip(right, down)],
+                  [c * y - s * x for x, y in zip(right, down)], forward]
+        self.t = [-dot(row, self.centre) for row in self.R]
         self.camera_d, self.projector_d = o["camera_distortion"], o["projector_distortion"]
 
     def ray(self, row, col, roi):
@@ -464,6 +470,7 @@ DEFAULTS = {
     "size": [48, 36], "roi": [0, 0], "format": "BayerRG12", "file": "tiff",
     "projector": [1024, 768], "patterns": None, "exposures_us": [4000, 16000],
     "distance_mm": 700.0, "mm_per_px": 0.5, "pitch_mm": 0.3, "baseline_mm": 200.0,
+    "baseline_deg": 0.0, "projector_roll_deg": 0.0,
     "camera_distortion": [0, 0, 0, 0, 0], "projector_distortion": [0, 0, 0, 0, 0],
     "shape": "plane", "tilt_deg": 10, "azimuth_deg": 20, "radius_mm": 60.0,
     "media": SKIN, "monte_carlo": None, "indirect": 0.0, "blur_px": 0.0, "transfer": None, "noise": True, "seed": 1,

@@ -59,6 +59,31 @@ TEST(MergedNoise, PredictsTheScatterOfMergedSamples) {
   }
 }
 
+TEST(MergedNoise, OfUnlikeBracketsIsTheirMeanAtEverySignal) {
+  const double headroom_dn = kSaturationDn - kBlackDn;
+  const std::vector<MergedNoise> both = merged_noise({16667, 66667}, kSensor, headroom_dn);
+  const std::vector<MergedNoise> brief = merged_noise({16667}, kSensor, headroom_dn);
+  const SharedNoise kinds[] = {{both, 30}, {brief, 10}};
+  const std::vector<MergedNoise> mean = mean_noise(kinds);
+  for (const double rate : {0.0, 0.01, 0.05, 0.1, 0.2}) {  // the long exposure clips at 0.059
+    SCOPED_TRACE(rate);
+    EXPECT_NEAR(variance_at(mean, rate),
+                0.75 * variance_at(both, rate) + 0.25 * variance_at(brief, rate),
+                1e-9 * variance_at(brief, rate));
+  }
+}
+
+TEST(MergedNoise, BackgroundThatWasSubtractedAddsItsShotNoise) {
+  const std::vector<MergedNoise> plain =
+      merged_noise({16667, 66667}, kSensor, kSaturationDn - kBlackDn);
+  const std::vector<MergedNoise> above = above_background(plain, 0.03);
+  for (const double rate : {0.0, 0.01, 0.05, 0.1}) {
+    SCOPED_TRACE(rate);
+    EXPECT_NEAR(variance_at(above, rate), variance_at(plain, rate + 0.03),
+                1e-9 * variance_at(plain, rate + 0.03));
+  }
+}
+
 TEST(MergedNoise, IsFoundInTheScatterOfAdjacentShifts) {
   std::mt19937_64 random(2);
   const double read_sd = 1e-4, shot = 2e-6;
