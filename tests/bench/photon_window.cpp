@@ -24,8 +24,6 @@ using hw_sim::Pinhole;
 using hw_sim::SeenPoint;
 using hw_sim::SeenPoints;
 
-constexpr int kProjectorHeight = 768, kProjectorWidth = 1024;
-
 [[noreturn]] void stop(const std::string& why) {
   std::cerr << "photon-windows: " << why << "\n";
   std::exit(1);
@@ -54,23 +52,6 @@ estimation::CameraInfo camera_of(const WindowPlan& plan) {
   camera.gain_e_per_dn = 4.88;
   camera.read_noise_e = 10;
   return camera;
-}
-
-estimation::Manifest manifest_of(const WindowPlan& plan) {
-  estimation::Manifest manifest;
-  manifest.id = plan.name;
-  manifest.camera = camera_of(plan);
-  manifest.projector.width_px = kProjectorWidth;
-  manifest.projector.height_px = kProjectorHeight;
-  manifest.calibration = calibration();
-  for (const estimation::Pattern& pattern : estimation::paper_patterns()) {
-    const auto varies_by_column = [](const auto& kind) {
-      if constexpr (requires { kind.axis; }) return kind.axis == Axis::kColumn;
-      return true;
-    };
-    if (std::visit(varies_by_column, pattern.kind)) manifest.patterns.push_back(pattern);
-  }
-  return manifest;
 }
 
 // Where a pixel and its neighbour do not belong to one lit (or one dark) piece of surface.
@@ -193,6 +174,23 @@ void trace_surface(const WindowOptions& options, Window& window) {
 }
 
 }  // namespace
+
+estimation::Manifest manifest_of(const WindowPlan& plan) {
+  estimation::Manifest manifest;
+  manifest.id = plan.name;
+  manifest.camera = camera_of(plan);
+  manifest.projector.width_px = kProjectorWidth;
+  manifest.projector.height_px = kProjectorHeight;
+  manifest.calibration = calibration();
+  for (const estimation::Pattern& pattern : estimation::paper_patterns()) {
+    const auto varies_by_column = [](const auto& kind) {
+      if constexpr (requires { kind.axis; }) return kind.axis == Axis::kColumn;
+      return true;
+    };
+    if (std::visit(varies_by_column, pattern.kind)) manifest.patterns.push_back(pattern);
+  }
+  return manifest;
+}
 
 Window measure(const WindowPlan& plan, const WindowOptions& options) {
   Window window;

@@ -54,6 +54,10 @@ struct Window {
   std::size_t path_count = 0;
 };
 
+// config/simulated.toml's rig, its camera looking through the window; without frames.
+inline constexpr int kProjectorHeight = 768, kProjectorWidth = 1024;
+estimation::Manifest manifest_of(const WindowPlan& plan);
+
 // Columns alone: stripes and Gray code of the paper's plan. Ends the program on an error.
 Window measure(const WindowPlan& plan, const WindowOptions& options);
 

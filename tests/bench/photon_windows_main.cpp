@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "hw_sim/world/head_world.h"
+#include "tests/bench/photon_curvature.h"
 #include "tests/bench/photon_flat.h"
 #include "tests/bench/photon_tables.h"
 #include "tests/bench/scatter_bench.h"
@@ -34,7 +35,7 @@ int main(int argc, char** argv) {
   bench::WindowOptions options;
   int flat_paths = 200'000;
   app.add_option("--out", folder, "Folder for CSV and PNG")->required();
-  app.add_option("--only", only, "flat, table, or windows by name; comma-separated")
+  app.add_option("--only", only, "flat, table, curvature, or windows by name; comma-separated")
       ->delimiter(',');
   app.add_option("--paths", options.paths_per_sample, "Paths a camera pixel")
       ->check(CLI::Range(16, 10'000'000));
@@ -55,6 +56,7 @@ int main(int argc, char** argv) {
     tbb::task_arena(options.thread_count).execute([&] {
       bench::show_scatter_table(report, options.cache_folder, options.photons_per_angle);
     });
+  if (is_wanted("curvature")) bench::show_curvature(report, options);
   std::vector<bench::WindowResult> results;
   for (const bench::WindowPlan& plan : kWindows) {
     if (!is_wanted(plan.name)) continue;
