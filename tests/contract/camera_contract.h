@@ -143,6 +143,21 @@ TEST_P(CameraContract, TimestampsAreThePulsesOnTheCamerasClock) {
   }
 }
 
+TEST_P(CameraContract, ItsClockIsTheOneOfTheTimestamps) {
+  ASSERT_NO_FATAL_FAILURE(arm(1));
+  const auto sample = camera_->read_clock();
+  ASSERT_TRUE(sample.has_value()) << sample.error().detail;
+  const rig::HostTime before = bench_->source().now();
+  bench_->pulse(exposure(0));
+  const rig::HostTime after = bench_->source().now();
+  expect_frames(1);
+  ASSERT_EQ(frames_.size(), 1U);
+  const rig::HostTime start = sample->host + (frames_[0].timestamp - sample->device);
+  const auto slack = sample->uncertainty + microseconds(100);  // crystals differ
+  EXPECT_GE(start, before - slack);
+  EXPECT_LE(start, after + slack);
+}
+
 TEST_P(CameraContract, PulseWhileBusyGivesNoFrameAndIsCounted) {
   exposures_[0] = std::chrono::milliseconds(60);  // longer than this thread is ever held up
   ASSERT_NO_FATAL_FAILURE(arm(4));

@@ -64,6 +64,38 @@ TEST(RigFile, TheExampleShowsTheDefaults) {
   EXPECT_EQ(example->storage.directory, minimal->storage.directory);
 }
 
+TEST(RigFile, WithoutATriggerBoxTheCameraIsTheTrigger) {
+  const auto line = parse_rig_file(
+      with("[sequence]", "[sequence]\nsync = \"camera_line\"\npace = \"paced\""), "rig.toml");
+  ASSERT_TRUE(line.has_value()) << line.error().detail;
+  EXPECT_EQ(line->sequence.sync, SyncMode::kCameraLine);
+  EXPECT_EQ(line->sequence.pace, Pace::kPaced);
+  EXPECT_EQ(line->camera.trigger_edge, TriggerEdge::kAny);
+  EXPECT_EQ(line->camera.trigger_line, "Line1");
+  const auto software =
+      parse_rig_file(with("[sequence]", "[sequence]\nsync = \"software\""), "rig.toml");
+  ASSERT_TRUE(software.has_value()) << software.error().detail;
+  EXPECT_EQ(software->camera.trigger_line, kSoftwareTrigger);
+}
+
+TEST(RigFile, WhatNeedsATriggerBoxIsNamedWithItsRemedy) {
+  std::string text = with("[sequence]",
+                          "[trigger]\ngap_us = 1000\n[sequence]\nsync = \"software\"\n"
+                          "pace = \"paced\"");
+  text.insert(text.find("[projector]"),
+              "bracketing = \"trigger_width\"\ntrigger_line = \"Line3\"\n");
+  const auto rig = parse_rig_file(text, "rig.toml");
+  ASSERT_FALSE(rig.has_value());
+  EXPECT_THAT(
+      rig.error().detail,
+      AllOf(HasSubstr("trigger: a rig with sequence.sync = \"software\" has no trigger box; "
+                      "delete the section [trigger]"),
+            HasSubstr("camera.bracketing: \"trigger_width\" needs a trigger box"),
+            HasSubstr("camera.trigger_line: sequence.sync = \"software\" uses no line; "
+                      "delete the key"),
+            HasSubstr("sequence.pace: \"paced\" needs a photodiode")));
+}
+
 TEST(RigFile, NamesAreRelativeToTheFile) {
   const auto rig = parse_rig_file(std::string(kMinimal) + "[calibration]\nfile = \"a.json\"\n",
                                   "some/where/rig.toml");

@@ -312,13 +312,44 @@ TEST_F(CameraFaults, SingleExposureNeedsNoSequencer) {
   EXPECT_EQ(frames_[1].exposure, microseconds(1500));
 }
 
+TEST_F(CameraFaults, AnyEdgeOfTheLineIsATrigger) {
+  auto bench = std::make_unique<WireBench>();
+  bench->settings.trigger_edge = rig::TriggerEdge::kAny;
+  ASSERT_NO_FATAL_FAILURE(open(std::move(bench)));
+  ASSERT_NO_FATAL_FAILURE(arm(3));
+  for (const bool is_high : {true, false, true}) {
+    bench_->device().line(rig::HostClock::now(), is_high);
+    collect(rig::HostClock::now() + milliseconds(10), [] { return false; });
+  }
+  expect(3, 0);
+}
+
+TEST_F(CameraFaults, OnlyARiseIsATriggerUnlessAskedFor) {
+  ASSERT_NO_FATAL_FAILURE(open_and_arm(2));
+  bench_->device().line(rig::HostClock::now(), true);
+  collect(rig::HostClock::now() + milliseconds(10), [] { return false; });
+  bench_->device().line(rig::HostClock::now(), false);
+  collect(rig::HostClock::now() + milliseconds(50), [] { return false; });
+  expect(1, 0);
+}
+
+TEST(GigeDevice, ACameraWithoutAnyEdgeIsRefusedForThePhotodiode) {
+  WireBench bench;
+  bench.options.has_any_edge = false;
+  bench.settings.trigger_edge = rig::TriggerEdge::kAny;
+  const auto camera = bench.open();
+  ASSERT_FALSE(camera.has_value());
+  EXPECT_EQ(camera.error().fault, rig::Fault::kUnsupported);
+  EXPECT_THAT(camera.error().detail, HasSubstr("has no TriggerActivation AnyEdge but RisingEdge"));
+  EXPECT_THAT(camera.error().detail, HasSubstr("set sequence.sync to \"trigger_box\""));
+}
+
 TEST_F(CameraFaults, SoftwareTriggerWorksWithoutALine) {
   auto bench = std::make_unique<WireBench>();
   bench->settings.trigger_line = "Software";
   ASSERT_NO_FATAL_FAILURE(open(std::move(bench)));
   ASSERT_NO_FATAL_FAILURE(arm(1));
-  auto& camera = dynamic_cast<rig::AravisCamera&>(*camera_);
-  const auto triggered = camera.trigger_software();
+  const auto triggered = camera_->trigger_software();
   EXPECT_TRUE(triggered.has_value()) << triggered.error().detail;
   expect(1, 0);
 }

@@ -80,6 +80,19 @@ TEST_F(WireFaults, CameraLineNeedsNoTriggerBox) {
   expect_complete_and_right();
 }
 
+// No photodiode: the program measures how late it has to trigger, then does.
+TEST_F(WireFaults, SoftwareTriggerNeedsNoPhotodiode) {
+  wire_.set_sync("software");
+  EXPECT_EQ(capture(""), kDone) << output();
+  expect_complete_and_right();
+}
+
+TEST_F(WireFaults, PacedIsRightToo) {
+  wire_.set_pace("paced");
+  EXPECT_EQ(capture(""), kDone) << output();
+  expect_complete_and_right();
+}
+
 // Every device that can be lost, three to a capture, which is how often one waits for them.
 TEST_F(WireFaults, LostDevicesAreWaitedForAndTheOpenSlotsTaken) {
   EXPECT_EQ(capture("faults = [{fault = \"camera_rebooted\", slot = 10},\n"
