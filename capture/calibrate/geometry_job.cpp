@@ -8,6 +8,7 @@
 #include "estimation/calibration/board_observation.h"
 #include "estimation/calibration/calibration_file.h"
 #include "estimation/calibration/geometry_pictures.h"
+#include "estimation/calibration/report_page.h"
 #include "nlohmann/json.hpp"
 
 namespace capture {
@@ -99,8 +100,10 @@ std::string GeometryJob::report() const {
 Result<void> GeometryJob::write_report(const fs::path& folder) const {
   if (const auto saved = estimation::save_text(folder / "report.txt", report()); !saved)
     return saved;
-  if (!fit_) return {};
-  return estimation::draw_geometry(folder, *fit_, *camera_, *projector_);
+  if (fit_)
+    if (const auto drawn = estimation::draw_geometry(folder, *fit_, *camera_, *projector_); !drawn)
+      return drawn;
+  return estimation::write_report_page(folder, "Geometry of the rig", report());
 }
 
 std::string GeometryJob::record_json(std::chrono::system_clock::time_point now) const {

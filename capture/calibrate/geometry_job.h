@@ -36,7 +36,7 @@ class GeometryJob {
   const std::vector<std::string>& refusals() const { return refusals_; }
   // Tables for people: poses, parameters, coverage, what is missing.
   std::string report() const;
-  // The pictures of the report as PNG files into `folder`, and report.txt.
+  // The pictures of the report as PNG files into `folder`, report.txt, and both as report.html.
   estimation::Result<void> write_report(const std::filesystem::path& folder) const;
 
   // Puts the fit into the calibration file `path`; the older one is kept beside it. Returns that,

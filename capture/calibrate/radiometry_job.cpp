@@ -10,6 +10,7 @@
 #include "capture/calibrate/sensor_series.h"
 #include "estimation/calibration/calibration_file.h"
 #include "estimation/calibration/radiometry_pictures.h"
+#include "estimation/calibration/report_page.h"
 #include "estimation/session/maps.h"
 #include "nlohmann/json.hpp"
 
@@ -237,7 +238,8 @@ Result<void> RadiometryJob::write_report(const fs::path& folder) const {
   if (illumination_)
     if (const auto drawn = estimation::draw_illumination(folder, *illumination_); !drawn)
       return drawn;
-  return estimation::draw_transfer(folder, transfers_);
+  if (const auto drawn = estimation::draw_transfer(folder, transfers_); !drawn) return drawn;
+  return estimation::write_report_page(folder, "Radiometry of the rig", report());
 }
 
 std::string RadiometryJob::record_json(std::chrono::system_clock::time_point now) const {

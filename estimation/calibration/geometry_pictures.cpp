@@ -37,6 +37,12 @@ double value_of(const GeometryFit& fit, std::size_t parameter) {
   return vector[static_cast<int>(parameter - 18)];
 }
 
+const char* unit_of(std::size_t parameter) {
+  if (parameter >= 21) return "mm";
+  if (parameter >= 18) return "rad";
+  return parameter % 9 < 4 ? "px" : "";
+}
+
 plot::Canvas draw_errors(const GeometryFit& fit) {
   Chart chart{"Reprojection error of each pose", "pose", "px rms", {}, true};
   ChartSeries camera{"camera", kBlueInk, false, {}}, projector{"projector", kRedInk, false, {}};
@@ -66,8 +72,8 @@ plot::Canvas draw_corners(const std::string& title, const std::vector<Corner>& c
   // A residual of the usual size is drawn 12 px long.
   const double gain = rms > 0 ? 12 / (rms * scale) : 1;
   std::string caption;
-  print(caption, "%zu corners, %.3f px rms; residuals drawn %.0f times as long", corners.size(),
-        rms, gain);
+  print(caption, "%zu corners on %d x %d px, %.3f px rms; residuals drawn %.0f times as long",
+        corners.size(), width_px, height_px, rms, gain);
   plot::draw_text(canvas, title, {kMargin, 30}, 0.6, plot::kInk);
   plot::draw_text(canvas, caption, {kMargin, 54}, 0.42, plot::kFaintInk);
   cv::rectangle(canvas, {kMargin, kTop, kWidth - 2 * kMargin, height},
@@ -105,16 +111,20 @@ std::string describe_geometry(const GeometryFit& fit, const GeometryCheck& check
   print(text,
         "tilts: %.0f degrees between poses at most, spread %.1f degrees; %.0f to %.0f mm away\n",
         check.largest_tilt_deg, check.tilt_spread_deg, check.nearest_mm, check.farthest_mm);
-  print(text, "\n%-28s %8s %8s %12s %12s %8s\n", "pose", "corners", "lit", "camera px",
-        "projector px", "tilt");
+  int name_width = 4;
   for (const PoseFit& pose : fit.poses)
-    print(text, "%-28s %8d %8d %12.3f %12.3f %7.0f\n", pose.name.c_str(), pose.corner_count,
-          pose.lit_corner_count, pose.camera_rms_px, pose.projector_rms_px,
+    name_width = std::max(name_width, static_cast<int>(pose.name.size()));
+  print(text, "\n%-*s %8s %8s %14s %17s %9s\n", name_width, "pose", "corners", "lit",
+        "camera, px rms", "projector, px rms", "tilt, deg");
+  for (const PoseFit& pose : fit.poses)
+    print(text, "%-*s %8d %8d %14.3f %17.3f %9.0f\n", name_width, pose.name.c_str(),
+          pose.corner_count, pose.lit_corner_count, pose.camera_rms_px, pose.projector_rms_px,
           std::acos(std::clamp(-pose.normal[2], -1.0, 1.0)) / kDegree);
-  print(text, "\n%-16s %14s %12s\n", "parameter", "value", "sd");
+  print(text, "\n%-16s %12s %10s  unit\n", "parameter", "value", "sd");
   for (std::size_t i = 0; i < kGeometryParameterCount; ++i)
     if (fit.sd(i) > 0)
-      print(text, "%-16s %14.6g %12.2g\n", kGeometryParameterNames[i], value_of(fit, i), fit.sd(i));
+      print(text, "%-16s %12.6g %10.2g  %s\n", kGeometryParameterNames[i], value_of(fit, i),
+            fit.sd(i), unit_of(i));
   return text;
 }
 

@@ -69,12 +69,16 @@ plot::Canvas draw_vignetting(const IlluminationFit& fit) {
 }
 
 plot::Canvas draw_residuals(const IlluminationFit& fit) {
+  constexpr double kBandStepPx = 7;
   Chart chart{
       "The standard over the fit, cell by cell", "projector column, px", "residual, %", {}, false};
   for (int band = 0; band < fit.band_count; ++band) {
     ChartSeries series{std::string(1, "RGB"[band]), band_color(band), false, {}};
     for (const IlluminationFit::Cell& cell : fit.cells)
-      if (cell.band == band) series.points.emplace_back(cell.column_px, 100 * cell.residual_frac);
+      // Beside each other, so that no band hides another.
+      if (cell.band == band)
+        series.points.emplace_back(cell.column_px + kBandStepPx * (band - 1),
+                                   100 * cell.residual_frac);
     chart.series.push_back(series);
   }
   return draw_chart(chart);

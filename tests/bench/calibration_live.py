@@ -68,6 +68,71 @@ def blur_at(distance_mm):
     return math.hypot(BLUR_PX, DEFOCUS_PX_PER_MM * (distance_mm - FOCUS_MM))
 
 
+def undistorted(lens, px):
+    """Normalised coordinates of a pixel, by fixed-point iteration (distortions here are small)."""
+    k = lens["K"]
+    k1, k2, p1, p2, k3 = lens.get("distortion", [0] * 5)
+    xd, yd = (px[0] - k[0][2]) / k[0][0], (px[1] - k[1][2]) / k[1][1]
+    x, y = xd, yd
+    for _ in range(50):
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        x, y = ((xd - 2 * p1 * x * y - p2 * (r2 + 2 * x * x)) / radial,
+                (yd - p1 * (r2 + 2 * y * y) - 2 * p2 * x * y) / radial)
+    return x, y
+
+
+def along(matrix, vector):
+    return [sum(row[i] * vector[i] for i in range(3)) for row in matrix]
+
+
+def triangulated(calibration, camera_px, projector_px):
+    """The point on the camera's ray that agrees best with column and row."""
+    x, y = undistorted(calibration["camera"], camera_px)
+    seen = undistorted(calibration["projector"], projector_px)
+    turned, t = along(calibration["projector"]["R"], (x, y, 1)), calibration["projector"]["t"]
+    pairs = [(turned[i] - seen[i] * turned[2], seen[i] * t[2] - t[i]) for i in range(2)]
+    depth = sum(a * b for a, b in pairs) / sum(a * a for a, _ in pairs)
+    return x * depth, y * depth, depth
+
+
+def plane_errors(found, truth, tilt_deg):
+    """Of a plane through (0, 0, 1000) mm as the true rig reads it: rms off its place, rms off the best plane."""
+    normal = (math.sin(math.radians(tilt_deg)), 0, math.cos(math.radians(tilt_deg)))
+    places, points = [], []
+    for row in range(20, 432, 20):
+        for col in range(20, 588, 20):
+            x, y = undistorted(truth["camera"], (col, row))
+            depth = 1000 * normal[2] / (normal[0] * x + normal[2])
+            lit = along(truth["projector"]["R"], (x * depth, y * depth, depth))
+            lit = [a + b for a, b in zip(lit, truth["projector"]["t"])]
+            lit = [value / lit[2] for value in along(truth["projector"]["K"], lit)]
+            if not (0 <= lit[0] <= 1023 and 0 <= lit[1] <= 767):
+                continue
+            point = triangulated(found, (col, row), lit)
+            places.append(sum(n * (p - q) for n, p, q in zip(normal, point, (0, 0, 1000))))
+            points.append(point)
+    # Distance from the true plane, less its best linear part: a small tilt and shift.
+    design = [(1, p[0] / 100, p[1] / 100) for p in points]
+    moments = [[sum(d[i] * d[j] for d in design) for j in range(3)] for i in range(3)]
+    right = [sum(d[i] * e for d, e in zip(design, places)) for i in range(3)]
+    for i in range(3):  # Gauss and Jordan; the moments are well conditioned
+        scale = moments[i][i]
+        moments[i] = [m / scale for m in moments[i]]
+        right[i] /= scale
+        for j in range(3):
+            if j != i:
+                factor = moments[j][i]
+                moments[j] = [a - factor * b for a, b in zip(moments[j], moments[i])]
+                right[j] -= factor * right[i]
+    left = [e - sum(c * v for c, v in zip(right, d)) for d, e in zip(design, places)]
+
+    def rms(values):
+        return math.sqrt(sum(v * v for v in values) / len(values))
+
+    return rms(places), rms(left)
+
+
 def true_session(session, truth, folder):
     """The same frames with the calibration that the simulator was made with."""
     copy = folder / "with_truth"
@@ -114,9 +179,15 @@ def main():
         for curve in entry["transfer"].values() if isinstance(entry["transfer"], dict) else [entry["transfer"]]:
             m = curve[3]  # n = 4 tells blur best
             blur = max(blur, abs(math.sqrt(-2 * math.log(m)) * 40 / (2 * math.pi * 4) - blur_at(entry["distance_mm"])))
+    stated = of["geometry"]
+    planes = [(tilt, *plane_errors(found, truth, tilt)) for tilt in (0, 30)]
     rows = [("reprojection, camera", of["geometry"]["camera_rms_px"], 0.2, "px rms"),
             ("reprojection, projector", of["geometry"]["projector_rms_px"], 0.2, "px rms"),
             ("rotation", turned, 0.05, "degrees"), ("translation", shifted, 0.3, "mm"),
+            ("rotation, of its stated standard deviation", turned / stated["rotation_sd_deg"], 1.5, ""),
+            ("translation, likewise", shifted / stated["translation_sd_mm"], 1.5, ""),
+            *((f"plane turned by {tilt} degrees: {what}", value, 0.1, "mm rms")
+              for tilt, place, flat in planes for what, value in (("off its place", place), ("not flat", flat))),
             ("signal_per_us", 100 * signal, 0.5, "%"), ("gain", 100 * abs(gain), 0.5, "%"),
             ("read noise", 100 * abs(noise), 0.5, "%"), ("blur, worst of distances and bands", blur, 0.1, "px")]
     print(f"{arguments.poses} poses in {geometry_s:.0f} s, the radiometric series in {radiometry_s:.0f} s\n")

@@ -1,0 +1,15 @@
+// A calibration's report as one page for a browser.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "estimation/session/error.h"
+
+namespace estimation {
+
+// Writes report.html into `folder`: the text, and under it every PNG that is there, by name.
+Result<void> write_report_page(const std::filesystem::path& folder, const std::string& title,
+                               const std::string& text);
+
+}  // namespace estimation
