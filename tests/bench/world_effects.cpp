@@ -98,6 +98,8 @@ std::vector<Case> cases() {
 struct Options {
   fs::path rig_file, effects_file, cache = hw_sim::default_cache_folder();
   std::vector<std::string> only;
+  std::string model = "monte_carlo_angular";
+  bool is_whole = false;
   int threads = 2;
 };
 
@@ -144,6 +146,7 @@ bool show(const Case& each, const Effects& effects, const rig::RigFile& rig_file
   capture_options.created =
       std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
   capture_options.estimator.thread_count = options.threads;
+  capture_options.estimator.model = options.model;
   const auto job = capture::CaptureJob::prepare(rig_file, capture_options);
   if (!job) {
     std::fprintf(stderr, "world-effects: %s\n", job.error().message.c_str());
@@ -162,11 +165,12 @@ bool show(const Case& each, const Effects& effects, const rig::RigFile& rig_file
     return true;
   }
   const hw_sim::BandErrors& red = judged->face.bands[0];
-  std::printf("| %s | %.0f | %s | %.1f | %.1f | %.1f | %.2f |\n", each.name.c_str(), lasted_s,
-              verdicts(result.session / "maps").c_str(), 100 * red.sigma_a.median,
+  std::printf("| %s | %.0f | %s | %.2f | %.2f | %.2f | %.2f | %.3f | %s |\n", each.name.c_str(),
+              lasted_s, verdicts(result.session / "maps").c_str(), 100 * red.sigma_a.median,
               100 * red.sigma_s_prime.median, 100 * red.translucency.median,
-              judged->face.position_mm.median);
-  std::printf("  %s\n", result.motion.c_str());
+              100 * red.diffuse_reflectance.median, judged->face.position_mm.median,
+              result.motion.c_str());
+  if (options.is_whole) std::printf("\n%s\n", judged->table().c_str());
   std::fflush(stdout);
   return true;
 }
@@ -180,10 +184,12 @@ int run(const Options& options) {
     return 2;
   }
   // A cheek, half the nose and the mouth: as good as the face, in a tenth of the time.
-  rig_file->camera.width_px = 160;
-  rig_file->camera.height_px = 120;
-  rig_file->camera.offset_x_px = 200;
-  rig_file->camera.offset_y_px = 256;
+  if (!options.is_whole) {
+    rig_file->camera.width_px = 160;
+    rig_file->camera.height_px = 120;
+    rig_file->camera.offset_x_px = 200;
+    rig_file->camera.offset_y_px = 256;
+  }
   const auto rig = hw_sim::simulated_rig(*rig_file);
   if (!rig) {
     std::fprintf(stderr, "world-effects: %s\n", rig.error().detail.c_str());
@@ -191,8 +197,9 @@ int run(const Options& options) {
   }
   std::printf(
       "| effect | lasted s | valid %% | of it, poor fit | not identifiable | outside model | other "
-      "| sigma_a off %% | sigma_s' | l_d | position mm |\n|---|---|---|---|---|---|---|---|---|---|"
-      "---|\n");
+      "| sigma_a off %% | sigma_s' | l_d | R_d | position mm | motion "
+      "|\n|---|---|---|---|---|---|---|"
+      "---|---|---|---|---|---|\n");
   bool is_done = true;
   const fs::path scratch =
       fs::temp_directory_path() / ("world-effects-" + std::to_string(::getpid()));
@@ -217,6 +224,9 @@ int main(int argc, char** argv) {
       ->required();
   app.add_option("--cache", options.cache, "Folder of computed light transport");
   app.add_option("--only", options.only, "Rows by name; comma-separated")->delimiter(',');
+  app.add_option("--model", options.model, "How the estimator has light scatter")
+      ->capture_default_str();
+  app.add_flag("--whole", options.is_whole, "All of the sensor, with the judge's tables");
   app.add_option("--threads", options.threads, "Threads to use")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
