@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
 namespace estimation {
 namespace {
@@ -13,18 +14,35 @@ const std::vector<double>& curve_of(const TransferByBand& transfer, int band) {
   return own.empty() ? transfer.harmonics[0] : own;
 }
 
-// Contrast at `cycles` per 40 projector px from the values at 1, 2, ...
+// Beyond the last one known, as a Gaussian would go on; noise may have put the last above 1, which
+// must not grow.
+double continued(std::span<const double> curve, double cycles) {
+  const double end = std::min(curve.back(), 1.0);
+  const double ratio = cycles / static_cast<double>(curve.size());
+  return end > 0 ? std::pow(end, ratio * ratio) : 0;
+}
+
+// Of a whole number of cycles per 40 projector px: 1 at none, and alike on its other side.
+double contrast_of(std::span<const double> curve, int cycles) {
+  const auto count = static_cast<std::size_t>(std::abs(cycles));
+  if (count == 0) return 1;
+  return count <= curve.size() ? curve[count - 1] : continued(curve, std::abs(cycles));
+}
+
+// Contrast at `cycles` per 40 projector px from the values at 1, 2, ... by a cubic through four
+// neighbours: straight lines lose up to 0.3% of contrast under a blur of 1 px, which was 0.9% of
+// sigma_a under stripes of period 64.
 double contrast_at(std::span<const double> curve, double cycles) {
   if (curve.empty()) return 1;
-  const double last = static_cast<double>(curve.size());
-  if (cycles >= last) {
-    // As a Gaussian would go on; noise may have put the last value above 1, which must not grow.
-    const double end = std::min(curve.back(), 1.0);
-    return end > 0 ? std::pow(end, (cycles / last) * (cycles / last)) : 0;
-  }
-  const auto below = static_cast<std::size_t>(cycles);
-  const double low = below == 0 ? 1 : curve[below - 1];
-  return std::lerp(low, curve[below], cycles - static_cast<double>(below));
+  if (cycles > static_cast<double>(curve.size())) return continued(curve, cycles);
+  const int below = static_cast<int>(cycles);
+  const double t = cycles - below, b = contrast_of(curve, below);
+  if (t == 0) return b;
+  const double a = contrast_of(curve, below - 1), c = contrast_of(curve, below + 1);
+  const double d = contrast_of(curve, below + 2);
+  const double cubic =
+      b + t / 2 * (c - a + t * (2 * a - 5 * b + 4 * c - d + t * (3 * (b - c) + d - a)));
+  return std::max(cubic, 0.0);
 }
 
 InputError wrong_file(const std::string& expectation) {

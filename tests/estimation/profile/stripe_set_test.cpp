@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
+#include <string>
 
 #include "estimation/profile/stripe_transfer.h"
 
@@ -80,8 +82,28 @@ TEST(HarmonicTransfer, InterpolatesBetweenHarmonicsAndContinuesAsAGaussian) {
   EXPECT_FLOAT_EQ(same_period[1], 0.5F);
   EXPECT_FLOAT_EQ(same_period[3], 0.0625F);  // 0.5 ^ (4/2)^2
   const auto double_period = contrast(*transfer, 1, 0, 80, 3);
-  EXPECT_FLOAT_EQ(double_period[0], 0.9F);  // half a cycle: between 1 and 0.8
-  EXPECT_FLOAT_EQ(double_period[2], 0.65F);
+  EXPECT_FLOAT_EQ(double_period[1], 0.8F);
+  // Half a cycle is between 1 and 0.8, and higher than the middle: the curve begins level.
+  EXPECT_GT(double_period[0], 0.9F);
+  EXPECT_LT(double_period[0], 1.0F);
+  EXPECT_NEAR(double_period[2], 0.65F, 0.02F);
+}
+
+TEST(HarmonicTransfer, IsABlursAtAnyPeriod) {
+  const auto of_blur = [](double cycles_per_40_px) {  // of 1 px
+    return std::exp(-0.5 * std::pow(2 * std::numbers::pi * cycles_per_40_px / 40, 2));
+  };
+  TransferByBand by_band;
+  for (int n = 1; n <= 12; ++n) by_band.harmonics[0].push_back(of_blur(n));
+  const auto transfer = HarmonicTransfer::create(by_band, {}, camera(ColorFilter::kMono));
+  ASSERT_TRUE(transfer);
+  for (const int period_px : {16, 24, 50, 64, 100}) {
+    const auto found = contrast(*transfer, 0, 0, period_px, 8);
+    for (int n = 1; n <= 8; ++n) {
+      SCOPED_TRACE(std::to_string(n) + " of " + std::to_string(period_px));
+      EXPECT_NEAR(found[static_cast<std::size_t>(n) - 1], of_blur(40.0 * n / period_px), 3e-4);
+    }
+  }
 }
 
 TEST(HarmonicTransfer, NoiseAboveOneAtTheEndDoesNotGrow) {
