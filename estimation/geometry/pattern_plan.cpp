@@ -66,6 +66,13 @@ void add_families(Axis axis, const FamilyMap& samples, const CorrespondenceOptio
                                   : " do not determine a phase: not used"));
       continue;
     }
+    // Every pixel would be "too dark" for a phase whose error no light makes smaller.
+    if (weights->aliasing_px > options.max_sd_px) {
+      notes.push_back(std::to_string(group.shift_px.size()) + " shifts of the " + name_of(family) +
+                      " tell a phase to some " + std::to_string(std::lround(weights->aliasing_px)) +
+                      " px at best: not used");
+      continue;
+    }
     const double amplitude_frac =
         family.width_px == 0
             ? 0.5
