@@ -146,6 +146,12 @@ std::string found(const Json& value) {
   return "is " + text;
 }
 
+// 1.0 is a whole number for JSON; beyond 2^53 a double is no longer sure of it.
+std::optional<std::int64_t> exact_whole(double value) {
+  if (value != std::floor(value) || std::abs(value) > 9007199254740992.0) return std::nullopt;
+  return static_cast<std::int64_t>(value);
+}
+
 std::string display(double value) {
   std::ostringstream text;
   text << value;
@@ -197,10 +203,8 @@ std::int64_t JsonValue::integer(std::int64_t lowest, std::int64_t highest,
     if (value > static_cast<std::uint64_t>(std::numeric_limits<std::int64_t>::max())) {
       return refuse();
     }
-  } else if (value_->is_number_float()) {
-    // 1.0 is a whole number for JSON; beyond 2^53 a double is no longer sure of it.
-    const double value = value_->get<double>();
-    if (value != std::floor(value) || std::abs(value) > 9007199254740992.0) return refuse();
+  } else if (value_->is_number_float() && !exact_whole(value_->get<double>())) {
+    return refuse();
   }
   const auto value = value_->get<std::int64_t>();
   return value < lowest || value > highest ? refuse() : value;
@@ -212,6 +216,10 @@ int JsonValue::whole(int lowest, int highest, const std::string& what) const {
 
 std::uint64_t JsonValue::counter(const std::string& what) const {
   if (value_ != nullptr && value_->is_number_unsigned()) return value_->get<std::uint64_t>();
+  if (value_ != nullptr && value_->is_number_float()) {
+    if (const auto whole = exact_whole(value_->get<double>()); whole && *whole >= 0)
+      return static_cast<std::uint64_t>(*whole);
+  }
   fail("a whole number of at least 0: " + what);
   return 0;
 }
@@ -259,6 +267,12 @@ std::string JsonValue::text(const std::string& what) const {
   if (is_text()) return value_->get<std::string>();
   fail("a text: " + what);
   return {};
+}
+
+std::string JsonValue::as_text() const {
+  if (value_ == nullptr) return {};
+  return is_text() ? value_->get<std::string>()
+                   : value_->dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
 std::string JsonValue::file_name(const std::string& what) const {

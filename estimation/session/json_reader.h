@@ -53,6 +53,7 @@ class JsonValue {
   double non_negative(const std::string& what) const;
   bool boolean(const std::string& what) const;
   std::string text(const std::string& what) const;
+  std::string as_text() const;                           // a text as it is, anything else as JSON
   std::string file_name(const std::string& what) const;  // relative, without ".."
   std::vector<JsonValue> elements(const std::string& what) const;
   std::vector<JsonValue> exactly(std::size_t count, const std::string& what) const;

@@ -95,8 +95,9 @@ SessionFailure read_failure(const JsonValue& object) {
   failure.code = read_optional_text(object, "code");
   failure.text = read_optional_text(object, "text");
   if (const auto slots = object.find("slots")) {
+    // The contract leaves open how a slot is named: by text, number or object.
     for (const JsonValue& slot : slots->elements("the slots not filled")) {
-      failure.slots.push_back(slot.text("a slot not filled"));
+      failure.slots.push_back(slot.as_text());
     }
   }
   return failure;

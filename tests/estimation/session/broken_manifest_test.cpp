@@ -149,6 +149,7 @@ TEST(BrokenManifest, EachValueOfTheWrongTypeIsNamed) {
     const json& right = document[json::json_pointer(place)];
     for (const json& wrong : values) {
       if (std::string_view(wrong.type_name()) == right.type_name()) continue;
+      if (place == "/failure/slots/0") continue;  // of any type
       SCOPED_TRACE(place + " = " + wrong.dump());
       json broken = document;
       broken[json::json_pointer(place)] = wrong;

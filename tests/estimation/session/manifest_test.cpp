@@ -304,7 +304,17 @@ TEST(Manifest, WholeNumbersMayBeWrittenWithAPoint) {
   json document = example_document();
   document["camera"]["width"] = 64.0;
   document["patterns"][0]["period_px"] = 40.0;
+  document["frames"][0]["frame_id"] = 7.0;
   EXPECT_EQ(parsed(document).camera.width_px, 64);
+  EXPECT_EQ(parsed(document).frames[0].frame_id, 7U);
+}
+
+TEST(Manifest, SlotsOfAFailureMayBeNamedInAnyWay) {
+  json document = example_document();
+  document["state"] = "failed";
+  document["failure"] = {{"code", "frame_lost"}, {"slots", {"pattern 3", 17, {{"pattern", 4}}}}};
+  EXPECT_EQ(parsed(document).failure->slots,
+            (std::vector<std::string>{"pattern 3", "17", "{\"pattern\":4}"}));
 }
 
 TEST(Manifest, TransferEntriesAreSortedByDistance) {
