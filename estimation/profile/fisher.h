@@ -19,7 +19,7 @@ using SymmetricMatrix = std::array<double, 10>;
 std::optional<SymmetricMatrix> inverse_information(const SymmetricMatrix& information,
                                                    IndirectLight indirect);
 
-// Whether the data tell the unknowns apart: the standard deviation of ln l at most 0.3, and the
+// Whether the data tell the unknowns apart: the standard deviation of ln l at most 0.5, and the
 // condition of the information matrix, scaled to a unit diagonal, at most 1e5.
 bool is_identifiable(const SymmetricMatrix& information, const SymmetricMatrix& covariance,
                      IndirectLight indirect);
