@@ -6,15 +6,12 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <fstream>
 #include <functional>
-#include <iterator>
 #include <limits>
 #include <numeric>
 #include <set>
 #include <sstream>
 #include <string_view>
-#include <system_error>
 #include <utility>
 
 #include "rig/toml_text.h"
@@ -389,32 +386,19 @@ RigFile read_document(const toml::table& document, const std::filesystem::path& 
 }  // namespace
 
 Result<RigFile> parse_rig_file(std::string_view toml, const std::filesystem::path& path) {
-  if (const std::string objection = objection_to_toml(toml); !objection.empty())
-    return failure(Fault::kConfiguration, path.string() + objection);
+  const Result<toml::table> document = parse_toml(toml, path);
+  if (!document) return tl::unexpected(document.error());
   Faults faults(path.string());
-  try {
-    const toml::table document = toml::parse(toml, std::string_view(path.native()));
-    RigFile rig = read_document(document, path, faults);
-    if (!faults.empty()) return failure(Fault::kConfiguration, faults.text());
-    return rig;
-  } catch (const toml::parse_error& error) {
-    faults.add(error.source(), "not TOML: " + std::string(error.description()));
-    return failure(Fault::kConfiguration, faults.text());
-  }
+  RigFile rig = read_document(*document, path, faults);
+  if (!faults.empty()) return failure(Fault::kConfiguration, faults.text());
+  return rig;
 }
 
 Result<RigFile> read_rig_file(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::error_code unknown;                                      // then reading says why
-  if (!file || std::filesystem::is_directory(path, unknown)) {  // reading a folder throws
-    return failure(Fault::kConfiguration,
-                   path.string() +
-                       ": cannot be read; name an existing rig file, such as a copy of "
-                       "config/rig.example.toml, with --rig");
-  }
-  const std::string text((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
-  if (file.bad()) return failure(Fault::kConfiguration, path.string() + ": is not a readable file");
-  return parse_rig_file(text, path);
+  const Result<std::string> text = read_text(
+      path, "name an existing rig file, such as a copy of config/rig.example.toml, with --rig");
+  if (!text) return tl::unexpected(text.error());
+  return parse_rig_file(*text, path);
 }
 
 }  // namespace rig

@@ -1,13 +1,23 @@
-// What is looked at before a text goes to the TOML parser.
+// Texts that people write for the rig, its simulated faults and effects: read, looked at, parsed.
 #pragma once
 
+#include <toml++/toml.h>
+
+#include <filesystem>
 #include <string>
 #include <string_view>
 
+#include "rig/fault.h"
+
 namespace rig {
 
-// Why the text is refused, with its line; "" if it is not. A dotted key makes a table of each dot,
-// and toml++ takes tables apart recursively: tens of thousands of them exhaust the stack.
-std::string objection_to_toml(std::string_view text);
+// The text of a file. Errors: kConfiguration, naming the file and `remedy`, if it cannot be read or
+// is a folder.
+Result<std::string> read_text(const std::filesystem::path& file, std::string_view remedy);
+
+// The text's table; `file` is named in it. Errors: kConfiguration with file and line, for what is
+// not TOML, and for what would take the parser apart: a dotted key makes a table of each dot, and
+// toml++ takes tables apart recursively, so tens of thousands of them exhaust the stack.
+Result<toml::table> parse_toml(std::string_view text, const std::filesystem::path& file);
 
 }  // namespace rig

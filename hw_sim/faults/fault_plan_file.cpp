@@ -1,10 +1,7 @@
 #include <toml++/toml.h>
 
-#include <fstream>
-#include <iterator>
 #include <map>
 #include <string>
-#include <system_error>
 
 #include "hw_sim/faults/fault_plan.h"
 #include "rig/toml_text.h"
@@ -187,27 +184,15 @@ class Reader {
 }  // namespace
 
 rig::Result<FaultPlan> parse_fault_plan(std::string_view toml, const std::filesystem::path& file) {
-  if (const std::string objection = rig::objection_to_toml(toml); !objection.empty())
-    return rig::failure(rig::Fault::kConfiguration, file.string() + objection);
-  toml::table document;
-  try {
-    document = toml::parse(toml, std::string_view(file.native()));
-  } catch (const toml::parse_error& error) {
-    return rig::failure(rig::Fault::kConfiguration, file.string() + ":" +
-                                                        std::to_string(error.source().begin.line) +
-                                                        ": " + std::string(error.description()));
-  }
-  return Reader(file).read(document);
+  const rig::Result<toml::table> document = rig::parse_toml(toml, file);
+  if (!document) return tl::unexpected(document.error());
+  return Reader(file).read(*document);
 }
 
 rig::Result<FaultPlan> read_fault_plan(const std::filesystem::path& file) {
-  std::ifstream in(file);
-  std::error_code unknown;  // then reading says why
-  if (!in || std::filesystem::is_directory(file, unknown))
-    return rig::failure(rig::Fault::kConfiguration,
-                        file.string() + ": cannot be read; name an existing plan of faults");
-  const std::string text{std::istreambuf_iterator<char>(in), {}};
-  return parse_fault_plan(text, file);
+  const rig::Result<std::string> text = rig::read_text(file, "name an existing plan of faults");
+  if (!text) return tl::unexpected(text.error());
+  return parse_fault_plan(*text, file);
 }
 
 }  // namespace hw_sim

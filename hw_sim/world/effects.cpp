@@ -4,15 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <limits>
 #include <map>
 #include <numbers>
 #include <optional>
 #include <sstream>
 #include <string>
-#include <system_error>
 #include <variant>
 
 #include "rig/toml_text.h"
@@ -160,18 +157,10 @@ double Effects::blink_frac(double begin_s, double end_s) const {
 }
 
 rig::Result<Effects> parse_effects(std::string_view toml, const std::filesystem::path& file) {
-  if (const std::string objection = rig::objection_to_toml(toml); !objection.empty())
-    return rig::failure(rig::Fault::kConfiguration, file.string() + objection);
-  toml::table document;
-  try {
-    document = toml::parse(toml, std::string_view(file.native()));
-  } catch (const toml::parse_error& error) {
-    return rig::failure(rig::Fault::kConfiguration, file.string() + ": line " +
-                                                        std::to_string(error.source().begin.line) +
-                                                        ": " + std::string(error.description()));
-  }
+  const rig::Result<toml::table> document = rig::parse_toml(toml, file);
+  if (!document) return tl::unexpected(document.error());
   Effects effects;
-  for (const auto& [section, node] : document) {
+  for (const auto& [section, node] : *document) {
     const toml::table* table = node.as_table();
     if (table == nullptr)
       return rig::failure(rig::Fault::kConfiguration,
@@ -187,13 +176,9 @@ rig::Result<Effects> parse_effects(std::string_view toml, const std::filesystem:
 }
 
 rig::Result<Effects> read_effects(const std::filesystem::path& file) {
-  std::ifstream in(file);
-  std::error_code unknown;  // then reading says why
-  if (!in || std::filesystem::is_directory(file, unknown))
-    return rig::failure(rig::Fault::kConfiguration,
-                        "cannot read the effects file " + file.string());
-  const std::string text{std::istreambuf_iterator<char>(in), {}};
-  return parse_effects(text, file);
+  const rig::Result<std::string> text = rig::read_text(file, "name an existing file of effects");
+  if (!text) return tl::unexpected(text.error());
+  return parse_effects(*text, file);
 }
 
 }  // namespace hw_sim

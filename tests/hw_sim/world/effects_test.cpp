@@ -199,7 +199,7 @@ TEST(EffectsFile, AWrongKeyIsNamed) {
   EXPECT_THAT(error_of("[projector]\ninput_lag_refreshes = 1.5"), HasSubstr("whole number"));
   EXPECT_THAT(error_of("[camera]\nis_cross_polarised = 1"), HasSubstr("true or false"));
   EXPECT_THAT(error_of("blur_px = 1"), HasSubstr("outside of"));
-  EXPECT_THAT(error_of("[projector"), HasSubstr("line 1"));
+  EXPECT_THAT(error_of("[projector"), HasSubstr(":1: not TOML"));
   EXPECT_FALSE(read_effects("/nonexistent.toml"));
 }
 
