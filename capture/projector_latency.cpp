@@ -20,6 +20,7 @@ constexpr int kLimit_refreshes = 12;  // the longest lag that any projector is k
 constexpr int kFlipCount = 6;         // at the delay that is chosen, half of them to black
 constexpr int kReferenceCount = 3;
 constexpr int kBufferCount = 8;
+constexpr int kDamageLimit = 10;  // frames in all
 // What a level may lack of the new picture's: projectors flicker, and the reference has its noise.
 constexpr double kLackFrac = 0.02;
 constexpr double kContrastToSpread = 20;
@@ -77,18 +78,29 @@ class LatencyProbe {
 
   rig::Result<bool> sees_flips_wholly(nanoseconds delay) {
     for (int flip = 0; flip < kFlipCount; ++flip) {
-      if (auto settled = wait_until(devices_.events.now() + settle_time()); !settled)
-        return tl::unexpected(settled.error());
-      const bool is_white = !is_white_;
-      const auto swapped = show(is_white);
-      if (!swapped) return tl::unexpected(swapped.error());
-      const auto level_dn = expose(*swapped + delay);
-      if (!level_dn) return tl::unexpected(level_dn.error());
-      const double lack_frac =
-          std::abs(*level_dn - (is_white ? bright_dn_ : dark_dn_)) / (bright_dn_ - dark_dn_);
-      if (lack_frac > kLackFrac) return false;
+      auto lack_frac = flip_once(delay);
+      while (!lack_frac && may_repeat(lack_frac.error())) lack_frac = flip_once(delay);
+      if (!lack_frac) return tl::unexpected(lack_frac.error());
+      if (*lack_frac > kLackFrac) return false;
     }
     return true;
+  }
+
+  // What a frame so long after a flip lacks of the new picture's level.
+  rig::Result<double> flip_once(nanoseconds delay) {
+    if (auto settled = wait_until(devices_.events.now() + settle_time()); !settled)
+      return tl::unexpected(settled.error());
+    const bool is_white = !is_white_;
+    const auto swapped = show(is_white);
+    if (!swapped) return tl::unexpected(swapped.error());
+    const auto level_dn = expose(*swapped + delay);
+    if (!level_dn) return tl::unexpected(level_dn.error());
+    return std::abs(*level_dn - (is_white ? bright_dn_ : dark_dn_)) / (bright_dn_ - dark_dn_);
+  }
+
+  // A frame that was lost on its way, now and then.
+  bool may_repeat(const rig::Error& error) {
+    return incident_of(error.fault) == Incident::kFrameDamaged && ++damage_count_ <= kDamageLimit;
   }
 
   rig::Result<Level> reference(bool is_white) {
@@ -96,7 +108,9 @@ class LatencyProbe {
     if (!swapped) return tl::unexpected(swapped.error());
     std::vector<double> levels_dn;
     for (int i = 0; i < kReferenceCount; ++i) {
-      const auto level_dn = expose(devices_.events.now() + settle_time());
+      auto level_dn = expose(devices_.events.now() + settle_time());
+      while (!level_dn && may_repeat(level_dn.error()))
+        level_dn = expose(devices_.events.now() + settle_time());
       if (!level_dn) return tl::unexpected(level_dn.error());
       levels_dn.push_back(*level_dn);
     }
@@ -152,7 +166,7 @@ class LatencyProbe {
       if (const auto* fault = std::get_if<rig::DeviceFault>(&*event))
         return tl::unexpected(fault->error);
       if (const auto* damaged = std::get_if<rig::FrameDamaged>(&*event))
-        return tl::unexpected(damaged->error);
+        return tl::unexpected(rig::Error{Fault::kFrameIncomplete, damaged->error.detail});
     }
     return rig::failure(Fault::kTimeout, stop_.stop_requested() ? "stopped" : otherwise);
   }
@@ -162,6 +176,7 @@ class LatencyProbe {
   const std::stop_token& stop_;
   std::uint64_t show_id_ = 0;
   bool is_white_ = false;
+  int damage_count_ = 0;
   double dark_dn_ = 0;
   double bright_dn_ = 0;
 };

@@ -84,16 +84,13 @@ inline hw_sim::PlannedFault fault_at(hw_sim::FaultKind kind, int showing, int br
 struct LedgerCapture {
   explicit LedgerCapture(const hw_sim::FaultPlan& faults = {},
                          const rig::RigFile& rig_file_in = ledger_rig_file(),
-                         const hw_sim::CameraTiming& camera_timing = {})
+                         const hw_sim::CameraTiming& camera_timing = {},
+                         const hw_sim::DisplayTiming& display_timing = {})
       : rig_file(rig_file_in),
         plan(ledger_plan(rig_file)),
-        rig(world, {rig_file.projector,
-                    rig_file.trigger,
-                    rig_file.camera,
-                    {},
-                    camera_timing,
-                    faults,
-                    rig_file.sequence.sync}) {
+        lag_refreshes(display_timing.input_lag_refreshes),
+        rig(world, {rig_file.projector, rig_file.trigger, rig_file.camera, display_timing,
+                    camera_timing, faults, rig_file.sequence.sync}) {
     const int left_px = rig_file.projector.width_px - rig_file.projector.sync_square.size_px;
     const int top_px = rig_file.projector.height_px - rig_file.projector.sync_square.size_px;
     for (auto& picture : render_pictures(plan, rig_file.projector)) {
@@ -111,7 +108,7 @@ struct LedgerCapture {
         make_rules(rig_file, plan.exposures, rig.projector().report().measured_refresh_hz);
     // As it would be measured, with its margin of a refresh.
     if (rig_file.sequence.sync == rig::SyncMode::kSoftware)
-      made.ledger.latency = made.ledger.refresh_interval * 2;
+      made.ledger.latency = made.ledger.refresh_interval * (lag_refreshes + 1);
     return made;
   }
 
@@ -150,6 +147,7 @@ struct LedgerCapture {
   hw_sim::LedgerWorld world;
   rig::RigFile rig_file;
   Plan plan;
+  int lag_refreshes = 1;
   hw_sim::InProcessRig rig;
   IdentityKeeper keeper;
   std::map<Incident, int> incidents;
