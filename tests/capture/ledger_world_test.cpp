@@ -52,6 +52,50 @@ TEST(LedgerWorldCapture, PacedWaitsForNothing) {
   }
 }
 
+// A projector that scans: a picture's first row is lit a refresh before its square is.
+class ScanningWorld final : public hw_sim::World {
+ public:
+  int width_px() const override { return ledger_.width_px(); }
+  int height_px() const override { return ledger_.height_px(); }
+  int channel_count() const override { return 1; }
+  hw_sim::LampTiming lamp_timing() const override {
+    return {.input_lag_refreshes = 1, .scanout = hw_sim::DisplayTiming{}.refresh_interval};
+  }
+  void expose(const hw_sim::Exposure& exposure,
+              estimation::ImageView<std::uint16_t> frame_dn) const override {
+    ledger_.expose(exposure, frame_dn);
+  }
+
+ private:
+  hw_sim::LedgerWorld ledger_;
+};
+
+// Until the shutter closes, not even the first row is the next picture's.
+TEST(LedgerWorldCapture, NoPaceLetsTheNextPictureIntoAFrame) {
+  for (const auto sync : {rig::SyncMode::kTriggerBox, rig::SyncMode::kCameraLine}) {
+    for (const auto pace : {rig::Pace::kHandshake, rig::Pace::kPaced}) {
+      SCOPED_TRACE(std::to_string(static_cast<int>(sync)) + " " +
+                   std::to_string(static_cast<int>(pace)));
+      rig::RigFile rig_file =
+          sync == rig::SyncMode::kTriggerBox ? ledger_rig_file() : boxless_rig_file(sync);
+      rig_file.sequence.pace = pace;
+      const ScanningWorld world;
+      hw_sim::InProcessRig rig(
+          world, {rig_file.projector, rig_file.trigger, rig_file.camera, {}, {}, {}, sync});
+      const Plan plan = ledger_plan(rig_file);
+      IdentityKeeper keeper;
+      const RunResult result = run_capture(
+          {rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, plan, rig_file.projector,
+          make_rules(rig_file, plan.exposures, 60), keeper, {}, [](const Transition&) {});
+      EXPECT_EQ(result.outcome, Outcome::kComplete);
+      ASSERT_EQ(keeper.frames.size(), 176U);
+      for (const auto& kept : keeper.frames)
+        EXPECT_EQ(hw_sim::shown_picture(kept.identity.light.back().picture_id).picture,
+                  kept.captured.slot.pattern);
+    }
+  }
+}
+
 TEST(LedgerWorldCapture, LeavesTheProjectorBlackAndTheDevicesDisarmed) {
   LedgerCapture capture;
   ASSERT_EQ(capture.run().outcome, Outcome::kComplete);

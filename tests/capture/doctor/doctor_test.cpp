@@ -117,6 +117,15 @@ TEST(Doctor, ATriggerBoxIsThereAloneAndPermitted) {
   EXPECT_THAT(check_trigger_box(host, trigger), is(Health::kFailure, "C3", "lsusb -d 1209:0001"));
 }
 
+TEST(Doctor, ARigWithoutATriggerBoxNeedsNone) {
+  rig::RigFile boxless = rig_file();
+  boxless.sequence.sync = rig::SyncMode::kCameraLine;
+  HostFacts host = sound_host();
+  host.trigger_boxes.clear();
+  for (const HostFinding& finding : examine(boxless, host, monitors(), kNeeds))
+    EXPECT_EQ(finding.health, Health::kOk) << finding.subject << ": " << finding.text;
+}
+
 TEST(Doctor, TheProjectorIsThereInTheRigFilesMode) {
   rig::ProjectorSettings projector = rig_file().projector;
   auto seen = monitors();
