@@ -59,8 +59,8 @@ std::vector<double> area_means(const estimation::Image<std::uint16_t>& dn) {
 
 struct Difference {
   double mean_dn = 0;      // of both frames, black removed
-  double change_dn = 0;    // of the mean
-  double scatter_dn = 0;   // of one frame's pixel, rms beyond the change
+  double change_dn = 0;    // of the mean, by as much as the colour that changed most
+  double scatter_dn = 0;   // of one frame's pixel, rms beyond its colour's change
   double expected_dn = 0;  // of that
   double highest_dn = 0;   // raw
 
@@ -71,26 +71,43 @@ struct Difference {
 Difference compare(const estimation::Image<std::uint16_t>& a,
                    const estimation::Image<std::uint16_t>& b, const std::vector<char>& field,
                    double black_dn, const SensorFit& sensor) {
-  double sum_a = 0, sum_b = 0, count = 0, highest_dn = 0;
+  struct Sums {
+    double a = 0, b = 0, count = 0;
+    double ratio() const { return a > 0 && b > 0 ? a / b : 1; }
+  };
+  std::vector<Sums> sites(4 * static_cast<std::size_t>(a.channel_count()));
+  Sums all;
+  Difference d;
   const auto sa = a.samples(), sb = b.samples();
+  const auto row_size = static_cast<std::size_t>(a.width_px() * a.channel_count());
+  const auto site_of = [&](std::size_t i) {
+    return estimation::mosaic_site(static_cast<int>(i / row_size), i % row_size, a.channel_count());
+  };
   for (std::size_t i = 0; i < field.size(); ++i) {
     if (!field[i]) continue;
-    sum_a += sa[i] - black_dn;
-    sum_b += sb[i] - black_dn;
-    highest_dn = std::max<double>(highest_dn, std::max(sa[i], sb[i]));
-    ++count;
+    for (Sums* sums : {&all, &sites[site_of(i)]}) {
+      sums->a += sa[i] - black_dn;
+      sums->b += sb[i] - black_dn;
+      ++sums->count;
+    }
+    d.highest_dn = std::max<double>(d.highest_dn, std::max(sa[i], sb[i]));
   }
-  Difference d;
-  d.highest_dn = highest_dn;
+  const double count = all.count;
   if (count == 0) return d;
-  d.mean_dn = (sum_a + sum_b) / (2 * count);
-  d.change_dn = (sum_b - sum_a) / count;
-  const double ratio = sum_b > 0 && sum_a > 0 ? sum_a / sum_b : 1;
+  d.mean_dn = (all.a + all.b) / (2 * count);
+  for (const Sums& site : sites) {
+    if (site.count == 0) continue;
+    const double level_dn = (site.a + site.b) / (2 * site.count);
+    const double scale = level_dn > 0 ? std::max(d.mean_dn, 0.0) / level_dn : 1;
+    const double change_dn = (site.b - site.a) / site.count * scale;
+    if (std::abs(change_dn) > std::abs(d.change_dn)) d.change_dn = change_dn;
+  }
   double squares = 0;
   for (std::size_t i = 0; i < field.size(); ++i) {
     if (!field[i]) continue;
+    const double ratio = sites[site_of(i)].ratio();
     const double difference = (sa[i] - black_dn) - ratio * (sb[i] - black_dn);
-    squares += difference * difference / 2;
+    squares += difference * difference / (1 + ratio * ratio);
   }
   d.scatter_dn = std::sqrt(squares / count);
   const double read_dn = sensor.read_noise_e.value / sensor.gain_e_per_dn.value;

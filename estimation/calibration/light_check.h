@@ -15,9 +15,9 @@ struct LightPair {
   double drive_frac = 1;  // what was asked for: 0 black, 1 white, between: a grey
   double exposure_us = 0;
   double rate_dn_per_us = 0;  // of both, over the lit field, camera black removed
-  double change_frac = 0;     // of the field's mean, from the first to the second, over white
-  double scatter_frac = 0;    // of a pixel's difference beyond the common change, over sqrt 2 means
-  double expected_frac = 0;   // of that, by photon and read noise
+  double change_frac = 0;     // of the colour that changed most, first to second, over white
+  double scatter_frac = 0;  // of a pixel's difference beyond its colour's change, over sqrt 2 means
+  double expected_frac = 0;  // of that, by photon and read noise
 };
 
 struct LightCheck {

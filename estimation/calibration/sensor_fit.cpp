@@ -106,7 +106,8 @@ struct Sums {
   double count = 0, signal = 0, squares = 0;
 };
 
-// Half the mean square difference of two frames, by signal. `ratio` takes the light's drift out.
+// Half the mean square difference of two frames, by signal. A ratio takes the light's drift out,
+// one for each site of a 2 x 2 mosaic and each channel: a colour wheel's light drifts by colour.
 class DifferenceBins {
  public:
   explicit DifferenceBins(double range_dn) : range_dn_(range_dn) {}
@@ -114,25 +115,30 @@ class DifferenceBins {
   // A dark pair has one bin of its own: sorted by their noise, its samples would pass for light.
   void add(ImageView<const std::uint16_t> a, ImageView<const std::uint16_t> b, double black_dn,
            bool is_dark) {
-    double sum_a = 0, sum_b = 0;
-    for_each(a, b, black_dn, [&](double x, double y) {
-      sum_a += x;
-      sum_b += y;
+    std::vector<double> sum_a(kSites * static_cast<std::size_t>(a.channel_count)), sum_b = sum_a;
+    for_each(a, b, black_dn, [&](double x, double y, std::size_t site) {
+      sum_a[site] += x;
+      sum_b[site] += y;
     });
-    const double ratio = !is_dark && sum_a > 0 && sum_b > 0 ? sum_a / sum_b : 1;
+    std::vector<double> ratios(sum_a.size(), 1);
+    for (std::size_t site = 0; site < ratios.size(); ++site)
+      if (!is_dark && sum_a[site] > 0 && sum_b[site] > 0) ratios[site] = sum_a[site] / sum_b[site];
     std::array<Sums, kAllBins> all{}, kept{};
     const auto pass = [&](std::array<Sums, kAllBins>& into,
                           const std::array<Sums, kAllBins>* limits) {
-      for_each(a, b, black_dn, [&](double x, double y) {
+      for_each(a, b, black_dn, [&](double x, double y, std::size_t site) {
+        const double ratio = ratios[site];
         const double signal = (x + ratio * y) / 2, difference = x - ratio * y;
+        // The difference's variance is v (1 + ratio^2).
+        const double square = difference * difference / (1 + ratio * ratio);
         const std::size_t bin = is_dark ? 0 : 1 + bin_of(signal);
         if (limits != nullptr) {
           const Sums& s = (*limits)[bin];
-          if (difference * difference > kClipSd * kClipSd * s.squares / s.count) return;
+          if (square > kClipSd * kClipSd * s.squares / s.count) return;
         }
         into[bin].count += 1;
         into[bin].signal += signal;
-        into[bin].squares += difference * difference;
+        into[bin].squares += square;
       });
     };
     pass(all, nullptr);
@@ -140,8 +146,7 @@ class DifferenceBins {
     for (std::size_t i = 0; i < kAllBins; ++i) {
       sums_[i].count += kept[i].count;
       sums_[i].signal += kept[i].signal;
-      // A light that drifted: the difference's variance is v (1 + ratio^2).
-      sums_[i].squares += kept[i].squares / (1 + ratio * ratio);
+      sums_[i].squares += kept[i].squares;
     }
   }
 
@@ -160,7 +165,8 @@ class DifferenceBins {
                        double black_dn, const Use& use) {
     for (int row = 0; row < a.height_px; ++row) {
       const auto row_a = a.row(row), row_b = b.row(row);
-      for (std::size_t i = 0; i < row_a.size(); ++i) use(row_a[i] - black_dn, row_b[i] - black_dn);
+      for (std::size_t i = 0; i < row_a.size(); ++i)
+        use(row_a[i] - black_dn, row_b[i] - black_dn, mosaic_site(row, i, a.channel_count));
     }
   }
   std::size_t bin_of(double signal) const {
@@ -168,7 +174,7 @@ class DifferenceBins {
     return std::min<std::size_t>(kBins - 1, static_cast<std::size_t>(at));
   }
 
-  static constexpr std::size_t kAllBins = kBins + 1;
+  static constexpr std::size_t kAllBins = kBins + 1, kSites = 4;
   double range_dn_;
   std::array<Sums, kAllBins> sums_{};
 };

@@ -40,6 +40,14 @@ struct SensorFit {
   std::vector<std::string> warnings;
 };
 
+// Which of the 2 x 2 sites of a mosaic, and of its channels, a row's sample is of: 0 to 4 channels
+// - 1. Colours apart, whatever the mosaic.
+inline std::size_t mosaic_site(int row, std::size_t sample, int channel_count) {
+  const auto channels = static_cast<std::size_t>(channel_count);
+  const std::size_t col = sample / channels;
+  return (static_cast<std::size_t>(row % 2) * 2 + col % 2) * channels + sample % channels;
+}
+
 // Needs dark frames, two or more frames of at least one exposure in the light (for noise), and two
 // or more exposures (for linearity; else a warning and 0). Errors: kInsufficient, kInvalid.
 Result<SensorFit> fit_sensor(std::span<const SeriesFrame> frames, double saturation_dn);

@@ -226,6 +226,22 @@ TEST_F(CalibratedVirtualRig, AForgottenCapIsTold) {
   EXPECT_THAT(checked.error().text(), HasSubstr("cap the lens"));
 }
 
+// Its bands ripple a third of a turn apart: their mean is steady.
+TEST_F(CalibratedVirtualRig, AColourWheelThatDoesNotTurnWithTheExposureIsTold) {
+  write_calibration_of(true_calibration(), folder_ / "calibration.json");
+  const std::vector<RadiometryStep> steps = radiometry_steps(make_rig_file());
+  hw_sim::Effects wheel = true_optics();
+  wheel.ripple_frac = 0.1;
+  wheel.ripple_hz = 133.7;
+  const auto targets = world("standard", 0, wheel);
+  RadiometryInputs before;
+  before.dark.push_back(capture(*targets, steps[0].plan, steps[0].subject));
+  const auto checked =
+      check_step(steps[1], capture(*targets, steps[1].plan, steps[1].subject), before, {});
+  ASSERT_TRUE(checked) << checked.error().text();
+  EXPECT_THAT(*checked, ::testing::Contains(HasSubstr("white is not steady")));
+}
+
 TEST_F(CalibratedVirtualRig, ATargetThatIsNotThereIsTold) {
   write_calibration_of(true_calibration(), folder_ / "calibration.json");
   const RadiometryStep step = radiometry_steps(make_rig_file()).back();

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <deque>
 
 #include "tests/estimation/geometry/synthetic_frames.h"
@@ -29,11 +30,14 @@ class Series {
  public:
   explicit Series(const SyntheticSensor& sensor) : sensor_(sensor), deviates_(7) {}
 
-  void add(double exposure_us, bool is_dark, double light = 1) {
+  // `light` by site of a 2 x 2 mosaic.
+  using MosaicLight = std::array<double, 4>;
+  void add(double exposure_us, bool is_dark, const MosaicLight& light = {1, 1, 1, 1}) {
     Image<std::uint16_t>& dn = images_.emplace_back(sensor_.height_px, sensor_.width_px);
     for (int row = 0; row < sensor_.height_px; ++row)
       for (int col = 0; col < sensor_.width_px; ++col) {
-        const double rate = is_dark ? 0 : light * 0.24 * (0.05 + 0.95 * col / sensor_.width_px);
+        const double own = light[static_cast<std::size_t>(2 * (row % 2) + col % 2)];
+        const double rate = is_dark ? 0 : own * 0.24 * (0.05 + 0.95 * col / sensor_.width_px);
         double signal = rate * exposure_us + sensor_.dark_dn_per_us * exposure_us;
         signal *= 1 - sensor_.compression * signal / kSaturationDn;
         const double electrons = signal * sensor_.gain_e_per_dn;
@@ -83,7 +87,25 @@ TEST(SensorFit, DriftOfTheLightIsNoNoise) {
   Series series(truth);
   for (int i = 0; i < 2; ++i) series.add(4000, true);
   for (const double exposure_us : {4000.0, 12000.0})
-    for (int i = 0; i < 8; ++i) series.add(exposure_us, false, 1 + 0.01 * (i % 2));
+    for (int i = 0; i < 8; ++i) {
+      const double light = 1 + 0.01 * (i % 2);
+      series.add(exposure_us, false, {light, light, light, light});
+    }
+  const auto fit = fit_sensor(series.frames(), kSaturationDn);
+  ASSERT_TRUE(fit) << fit.error().text();
+  EXPECT_NEAR(fit->gain_e_per_dn.value / truth.gain_e_per_dn, 1, 0.01);
+}
+
+// The mean over all colours is steady.
+TEST(SensorFit, AColourWheelsDriftIsNoNoise) {
+  const SyntheticSensor truth;
+  Series series(truth);
+  for (int i = 0; i < 2; ++i) series.add(4000, true);
+  for (const double exposure_us : {4000.0, 12000.0})
+    for (int i = 0; i < 8; ++i) {
+      const double turn = i % 2 == 0 ? 0.02 : -0.02;
+      series.add(exposure_us, false, {1 + turn, 1, 1, 1 - turn});
+    }
   const auto fit = fit_sensor(series.frames(), kSaturationDn);
   ASSERT_TRUE(fit) << fit.error().text();
   EXPECT_NEAR(fit->gain_e_per_dn.value / truth.gain_e_per_dn, 1, 0.01);
