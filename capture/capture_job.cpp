@@ -231,25 +231,29 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
     }
     estimate = *std::move(started);
   }
-  take_frames(devices, stop, **writer, estimate.get(), std::move(repeats), teller, result);
+  const Take take = make_own_take();
+  const auto watch = make_watch(take, rig_file_.sequence.is_shuffled);
+  take_frames(devices, stop, take, {**writer, estimate.get(), watch.get()}, std::move(repeats),
+              teller, result);
   if (result.state != SessionState::kComplete || options_.product != CaptureProduct::kMaps)
     return result;
   teller.tell_estimating(result.motion);
-  add_maps(estimate ? estimate->finish()
-                    : estimation::estimate_session(result.session, options_.estimator),
-           manifest, result);
+  const auto estimated = estimate
+                             ? estimate->finish()
+                             : estimation::estimate_session(result.session, options_.estimator);
+  if (estimated && watch) note_motion(watch->finish_by(estimated->maps), *take.repeated, result);
+  add_maps(estimated, manifest, result);
   return result;
 }
 
 // Fills the slots that are open and ends the session as complete, failed or aborted.
-void CaptureJob::take_frames(Devices devices, const std::stop_token& stop, SessionWriter& writer,
-                             LiveEstimate* estimate, std::vector<estimation::Repeat> repeats,
+void CaptureJob::take_frames(Devices devices, const std::stop_token& stop, const Take& take,
+                             const TakeSinks& sinks, std::vector<estimation::Repeat> repeats,
                              ProgressTeller& teller, CaptureResult& result) const {
-  const Take take = make_own_take();
-  writer.journal(resumption_ ? resume_line(resumption_->good_count(), take)
-                             : begin_line(rig_file_, plan_, take));
-  const auto watch = make_watch(take, rig_file_.sequence.is_shuffled);
-  if (watch) {
+  MotionWatch* const watch = sinks.watch;
+  sinks.writer.journal(resumption_ ? resume_line(resumption_->good_count(), take)
+                                   : begin_line(rig_file_, plan_, take));
+  if (watch != nullptr) {
     for (estimation::Repeat& repeat : repeats) watch->know(std::move(repeat));
     if (resumption_)
       if (const auto shown = show_first(*resumption_, *take.repeated, *watch); !shown)
@@ -257,16 +261,15 @@ void CaptureJob::take_frames(Devices devices, const std::stop_token& stop, Sessi
   }
   RunResult run;
   run.outcome = Outcome::kComplete;  // where nothing is open: killed before its manifest
-  if (take.open_slot_count() > 0)
-    run = run_take(devices, rig_file_, take, {writer, estimate, watch.get()}, stop, teller);
+  if (take.open_slot_count() > 0) run = run_take(devices, rig_file_, take, sinks, stop, teller);
   result.state = state_of(run.outcome);
   result.exit_code = exit_code_of(run);
   result.message = summary(run, plan_.slot_count());
   if (resumption_ && run.outcome == Outcome::kComplete)
     result.message +=
         ", " + std::to_string(resumption_->good_count()) + " of them before the interruption";
-  if (watch) note_motion(watch->finish(), *take.repeated, result);
-  const auto stored = writer.finish(result.state, describe(run.failure, take));
+  if (watch != nullptr) note_motion(watch->finish(), *take.repeated, result);
+  const auto stored = sinks.writer.finish(result.state, describe(run.failure, take));
   if (stored) return;
   result.state = SessionState::kFailed;
   result.exit_code = ExitCode::kStorage;

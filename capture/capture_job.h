@@ -72,8 +72,8 @@ class CaptureJob {
   std::optional<CaptureResult> check_nothing_moved(Devices devices, const std::stop_token& stop,
                                                    SessionWriter& writer, ProgressTeller& teller,
                                                    std::vector<estimation::Repeat>& repeats) const;
-  void take_frames(Devices devices, const std::stop_token& stop, SessionWriter& writer,
-                   LiveEstimate* estimate, std::vector<estimation::Repeat> repeats,
+  void take_frames(Devices devices, const std::stop_token& stop, const Take& take,
+                   const TakeSinks& sinks, std::vector<estimation::Repeat> repeats,
                    ProgressTeller& teller, CaptureResult& result) const;
 
   rig::RigFile rig_file_;

@@ -37,6 +37,12 @@ Json describe(const estimation::Repeat& repeat, const std::optional<estimation::
   json["stripes_sd_projector_px"] = motion->stripes_sd_px;
   if (motion->mm) json["head_mm"] = *motion->mm;
   if (motion->sd_mm) json["head_sd_mm"] = *motion->sd_mm;
+  if (repeat.by_surface) {
+    const auto& t = repeat.by_surface->translation_mm;
+    const auto& sd = repeat.by_surface->sd_mm;
+    json["translation_mm"] = {t[0], t[1], t[2]};
+    json["translation_sd_mm"] = {sd[0], sd[1], sd[2]};
+  }
   json["light_frac"] = change.light_frac;
   json["light_sd_frac"] = change.light_sd_frac;
   json["ambient_frac"] = change.ambient_frac;

@@ -43,6 +43,8 @@ estimation::MotionRules rules_for(bool is_shuffled) {
 MotionWatch::MotionWatch(const estimation::Manifest& manifest, int pattern,
                          std::size_t bracket_count, std::size_t frame_count, bool is_shuffled)
     : camera_(manifest.camera),
+      calibration_(manifest.calibration),
+      axis_(axis_of(manifest.find_pattern(pattern)->kind)),
       scale_(scale_of(manifest, pattern)),
       period_px_(period_px(manifest.find_pattern(pattern)->kind) / scale_.projector_px_per_px),
       rules_(rules_for(is_shuffled)),
@@ -79,7 +81,10 @@ void MotionWatch::run() {
     }
     if (!bracket_) continue;
     for (const auto& waiting : std::exchange(waiting_, {}))
-      if (waiting->bracket == *bracket_) compare(*waiting->repeat, *waiting);
+      if (waiting->bracket == *bracket_) {
+        compare(*waiting->repeat, *waiting);
+        compared_[*waiting->repeat] = waiting;
+      }
   }
 }
 
@@ -130,9 +135,28 @@ void MotionWatch::compare(int repeat, const Item& item) {
 estimation::MotionReport MotionWatch::finish() {
   queue_.close();
   thread_.join();
-  std::vector<estimation::Repeat> repeats = std::move(known_);
-  for (auto& [number, repeat] : repeats_) repeats.push_back(std::move(repeat));
+  return judge();
+}
+
+estimation::MotionReport MotionWatch::judge() const {
+  std::vector<estimation::Repeat> repeats = known_;
+  for (const auto& [number, repeat] : repeats_) repeats.push_back(repeat);
   return estimation::judge_motion(std::move(repeats), scale_, rules_);
+}
+
+estimation::MotionReport MotionWatch::finish_by(const estimation::Maps& maps) {
+  for (const auto& [number, item] : compared_) {
+    estimation::Repeat& repeat = repeats_.at(number);
+    if (!repeat.change) continue;
+    with_samples(*firsts_.at(*bracket_), [&](estimation::ImageView<const std::uint16_t> before) {
+      with_samples(*item, [&](estimation::ImageView<const std::uint16_t> after) {
+        const auto motion = estimation::measure_surface_motion(camera_, calibration_, axis_,
+                                                               period_px_, maps, before, after);
+        if (motion) repeat.by_surface = *motion;  // else the calibrated distance must do
+      });
+    });
+  }
+  return judge();
 }
 
 }  // namespace capture

@@ -13,6 +13,7 @@
 #include "estimation/base/image.h"
 #include "estimation/motion/motion_verdict.h"
 #include "estimation/session/manifest.h"
+#include "estimation/session/maps.h"
 
 namespace capture {
 
@@ -40,6 +41,9 @@ class MotionWatch {
   // Waits for the frames on their way, then judges. Once. Repeats whose frames did not come, and
   // all if the first showing's did not, are not judged.
   estimation::MotionReport finish();
+  // The same with the head's motion in mm by the surface that was found, where that tells it.
+  // After finish(); on the calling thread.
+  estimation::MotionReport finish_by(const estimation::Maps& maps);
 
  private:
   struct Item {
@@ -52,12 +56,15 @@ class MotionWatch {
   void run();
   void choose_bracket();
   void compare(int repeat, const Item& item);
+  estimation::MotionReport judge() const;
   bool hardly_clips(const Item& item) const;
   // Calls `use` with the samples, which live as long as the call.
   template <typename Use>
   static void with_samples(const Item& item, const Use& use);
 
   const estimation::CameraInfo camera_;
+  const estimation::Calibration calibration_;
+  const estimation::Axis axis_;
   const estimation::MotionScale scale_;
   const double period_px_;  // of the pattern in the frame
   const estimation::MotionRules rules_;
@@ -68,6 +75,7 @@ class MotionWatch {
   std::optional<int> bracket_;                         // that is compared
   std::vector<std::shared_ptr<const Item>> waiting_;   // repeats, for the first showing
   std::map<int, estimation::Repeat> repeats_;
+  std::map<int, std::shared_ptr<const Item>> compared_;  // their frames
   BoundedQueue<std::shared_ptr<const Item>> queue_;
   std::jthread thread_;
 };

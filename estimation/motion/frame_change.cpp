@@ -20,6 +20,8 @@ constexpr int kMargin = 2;  // cells that smoothing and interpolation reach
 // Neighbouring cells share their noise: a fit of smoothed cells has so many times fewer of them.
 constexpr double kCellsShared = 4 * std::numbers::pi * kSmoothing * kSmoothing;
 constexpr int kBlocksAcross = 24, kSmallestBlock = 8;
+// An eye is smaller than what a shift can be told from.
+constexpr int kPlacesAcross = 48, kSmallestPlace = 4;
 // Of the pattern's period: levels the stripes to 3%, and the face's own picture as little as may
 // be.
 constexpr double kPeriodSmoothing = 0.42;
@@ -87,10 +89,10 @@ struct Blocks {
 };
 
 // Blocks whose mean light is not far below the brightest ones'.
-Blocks find_lit_blocks(const Picture& picture) {
+Blocks find_lit_blocks(const Picture& picture, int blocks_across, int smallest_side) {
   const int height = picture.light.height_px(), width = picture.light.width_px();
   Blocks blocks;
-  blocks.side = std::max(kSmallestBlock, width / kBlocksAcross);
+  blocks.side = std::max(smallest_side, width / blocks_across);
   blocks.rows = std::max(1, height / blocks.side);
   blocks.cols = std::max(1, width / blocks.side);
   const auto count = static_cast<std::size_t>(blocks.rows * blocks.cols);
@@ -262,7 +264,7 @@ struct BlockChange {
 // `variance` of a weighted residual.
 std::optional<BlockChange> block_change(const NormalEquations& sums, const Parameters& whole,
                                         double variance) {
-  constexpr int kFewestCells = 32;
+  constexpr int kFewestCells = 12;
   if (sums.cell_count < kFewestCells) return std::nullopt;
   const Mat4& m = sums.matrix;
   // The direction of the strongest gradients: the larger eigenvector of their 2 x 2 part.
@@ -425,7 +427,7 @@ Result<FrameChange> measure_change(const CameraInfo& camera, double period_px,
                                        "a frame to compare is not of the camera's size"});
   }
   const Picture before = make_picture(camera, first), after = make_picture(camera, second);
-  const Blocks blocks = find_lit_blocks(before);
+  const Blocks blocks = find_lit_blocks(before, kBlocksAcross, kSmallestBlock);
   Fit fit(camera, before, after, blocks, kSmoothing, period_px);
   constexpr int kFewestCells = 200;
   if (fit.cell_count() < kFewestCells)
@@ -456,7 +458,11 @@ Result<FrameChange> measure_change(const CameraInfo& camera, double period_px,
   change.ambient_frac = found->ambient;
   change.ambient_sd_frac = sd[3];
   change.residual_frac = unexplained_frac;
-  change.local_changes = find_local_changes(changes, blocks, before.bin_px);
+  const Blocks places = find_lit_blocks(before, kPlacesAcross, kSmallestPlace);
+  Fit at_places(camera, before, after, places, kSmoothing, period_px);
+  change.local_changes = find_local_changes(
+      block_changes(at_places.normal_equations(*found, Outliers::kCounted), *found), places,
+      before.bin_px);
   return change;
 }
 

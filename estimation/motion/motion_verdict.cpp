@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <opencv2/core.hpp>
 #include <utility>
 
 namespace estimation {
@@ -74,11 +75,12 @@ class Judgement {
         std::abs(ambient.frac),
         "ambient light changed by " + percent(ambient.frac) + " of the lit picture" + at(repeat));
     for (const LocalChange& place : change.local_changes) {
-      const bool is_upper = place.height_frac < 0.5;
+      // A lit head from hair to neck has its eyes about the middle.
+      const bool is_upper = place.height_frac < 0.65;
       keep_worst(local_, MotionVerdict::kUsable, std::abs(place.change_frac),
                  "the light changed by " + percent(place.change_frac) + " around row " +
                      fixed(place.row_px, 0) + ", column " + fixed(place.col_px, 0) +
-                     (is_upper ? ", in the upper half (a blink?)" : "") + at(repeat));
+                     (is_upper ? ", not below the eyes (a blink?)" : "") + at(repeat));
     }
   }
 
@@ -166,7 +168,8 @@ std::string to_string(MotionVerdict verdict) {
   return "unknown";
 }
 
-Motion motion_of(const FrameChange& change, const MotionScale& scale) {
+Motion motion_of(const Repeat& repeat, const MotionScale& scale) {
+  const FrameChange& change = *repeat.change;
   const double across =
       change.shift_row_px * scale.across_row + change.shift_col_px * scale.across_col;
   const double along =
@@ -180,6 +183,16 @@ Motion motion_of(const FrameChange& change, const MotionScale& scale) {
   motion.stripes_sd_px = scale.projector_px_per_px * across_sd;
   motion.along_px = std::abs(along);
   motion.along_sd_px = along_sd;
+  if (repeat.by_surface) {
+    const Vec3& t = repeat.by_surface->translation_mm;
+    const Vec3& sd = repeat.by_surface->sd_mm;
+    motion.mm = cv::norm(t);
+    // Along the motion; where there is none, the longest.
+    motion.sd_mm = *motion.mm > 0
+                       ? cv::norm(Vec3(t[0] * sd[0], t[1] * sd[1], t[2] * sd[2])) / *motion.mm
+                       : std::max({sd[0], sd[1], sd[2]});
+    return motion;
+  }
   if (!scale.lateral_mm_per_px) return motion;
   const double depth_mm_per_px = scale.depth_mm_per_px.value_or(*scale.lateral_mm_per_px);
   motion.mm = std::hypot(across * depth_mm_per_px, along * *scale.lateral_mm_per_px);
@@ -192,8 +205,7 @@ MotionReport judge_motion(std::vector<Repeat> repeats, const MotionScale& scale,
   Judgement judgement(scale, rules);
   std::vector<std::optional<Motion>> motions;
   for (const Repeat& repeat : repeats) {
-    motions.push_back(repeat.change ? std::optional(motion_of(*repeat.change, scale))
-                                    : std::nullopt);
+    motions.push_back(repeat.change ? std::optional(motion_of(repeat, scale)) : std::nullopt);
     judgement.hear(repeat, motions.back());
   }
   MotionReport report = judgement.report();

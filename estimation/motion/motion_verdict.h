@@ -8,6 +8,7 @@
 
 #include "estimation/motion/frame_change.h"
 #include "estimation/motion/motion_scale.h"
+#include "estimation/motion/surface_motion.h"
 
 namespace estimation {
 
@@ -18,7 +19,8 @@ std::string to_string(MotionVerdict verdict);
 struct Repeat {
   double elapsed_s = 0;  // from the first showing
   std::optional<FrameChange> change;
-  std::string objection;  // why there is no change to tell, where there is none
+  std::string objection;                    // why there is no change to tell, where there is none
+  std::optional<SurfaceMotion> by_surface;  // once there is a surface to tell it by
 };
 
 // How much is good, and how much is still usable. Costs are those of estimation.md section 4.
@@ -43,9 +45,11 @@ struct MotionRules {
 struct Motion {
   double stripes_px = 0, stripes_sd_px = 0;  // projector px, rms over the lit part
   double along_px = 0, along_sd_px = 0;      // frame px, of the whole
-  std::optional<double> mm, sd_mm;           // of the whole: towards the camera, and sideways
+  // Of the head: by the surface, or else at the calibrated distance, stripes taken for depth.
+  std::optional<double> mm, sd_mm;
 };
-Motion motion_of(const FrameChange& change, const MotionScale& scale);
+// Of a repeat that has a change.
+Motion motion_of(const Repeat& repeat, const MotionScale& scale);
 
 struct MotionReport {
   MotionVerdict verdict = MotionVerdict::kUnknown;

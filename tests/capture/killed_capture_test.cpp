@@ -1,7 +1,7 @@
 // A capture's process is killed at random moments (SIGKILL: nothing of ours runs any more). What
-// lies on the disk under its final name is whole, and earlier sessions are as they were. The
-// process is this program started anew with --capture FOLDER: a fork of the test's would lack the
-// threads that OpenEXR has started in it.
+// lies on the disk under its final name is whole, earlier sessions are as they were, and the take
+// is listed and can be finished. The process is this program started anew with --capture FOLDER: a
+// fork of the test's would lack the threads that OpenEXR has started in it.
 // SSRIG_KILLS says how often; a few in the default run, 200 in the soak.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -24,11 +24,12 @@
 #include <vector>
 
 #include "capture/capture_job.h"
+#include "capture/interrupted_takes.h"
 #include "estimation/session/frame_io.h"
 #include "estimation/session/maps.h"
 #include "estimation/session/verify.h"
 #include "tests/capture/folder_files.h"
-#include "tests/capture/ledger_rig.h"
+#include "tests/capture/striped_world.h"
 
 namespace capture {
 namespace {
@@ -36,13 +37,6 @@ namespace {
 namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
-
-constexpr char kCalibration[] = R"({
-  "camera": {"K": [[80, 0, 31.5], [0, 80, 23.5], [0, 0, 1]]},
-  "projector": {"K": [[80, 0, 31.5], [0, 80, 23.5], [0, 0, 1]],
-                "R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [-250, 0, 0]},
-  "irradiance": {"signal_per_us": [0.1, 0.1, 0.1], "reference_distance_mm": 1000}
-})";
 
 int kill_count() {
   const char* asked = std::getenv("SSRIG_KILLS");
@@ -89,30 +83,22 @@ std::vector<std::string> incomplete_files(const fs::path& session) {
   return lines;
 }
 
-rig::RigFile rig_file_in(const fs::path& root) {
-  rig::RigFile rig_file = ledger_rig_file();
-  rig_file.path = root / "rig.toml";
-  rig_file.calibration_file = root / "calibration.json";
-  return rig_file;
-}
-
 fs::path sessions_in(const fs::path& root) { return root / "sessions"; }
 
-// What the process to be killed does; its exit status.
-int capture_in(const fs::path& root) {
-  const rig::RigFile rig_file = rig_file_in(root);
+// What the process to be killed does, and what finishes its take after it.
+CaptureResult capture_in(const fs::path& root, const fs::path& resume) {
+  const rig::RigFile rig_file = striped_rig_file(root);
   CaptureOptions options;
   options.directory = sessions_in(root);
+  options.resume = resume;
   options.created = std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
   options.estimator.thread_count = 1;
+  options.estimator.is_geometry_only = true;  // so that half of the time is that of the frames
   const auto job = CaptureJob::prepare(rig_file, options);
-  if (!job) return 1;
-  const hw_sim::LedgerWorld world;
-  hw_sim::InProcessRig rig(world,
-                           {rig_file.projector, rig_file.trigger, rig_file.camera, {}, {}, {}});
-  const CaptureResult result =
-      job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
-  return result.exit_code == ExitCode::kDone ? 0 : 1;
+  if (!job) return job.error();
+  const StripedWorld world;
+  hw_sim::InProcessRig rig(world, in_process(rig_file));
+  return job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
 }
 
 class KilledCapture : public testing::Test {
@@ -121,8 +107,7 @@ class KilledCapture : public testing::Test {
     std::string name = (fs::temp_directory_path() / "ssrig_kill_XXXXXX").string();
     ASSERT_NE(::mkdtemp(name.data()), nullptr);
     root_ = name;
-    std::ofstream(rig_file_in(root_).calibration_file) << kCalibration;
-    fs::create_directories(sessions());
+    striped_rig_file(root_);
   }
   void TearDown() override { fs::remove_all(root_); }
 
@@ -145,6 +130,25 @@ class KilledCapture : public testing::Test {
     return status;
   }
 
+  // True where there was something to finish: a process killed among its maps has its frames.
+  bool expect_resumable(const fs::path& session) const {
+    const auto manifest = estimation::read_manifest(session);
+    if (!manifest || manifest->state == estimation::SessionState::kComplete) return false;
+    const auto frames = files_of(session / "frames");
+    const auto take = find_interruption(session);
+    EXPECT_TRUE(take) << "an interrupted take is not listed";
+    const CaptureResult result = capture_in(root_, session);
+    EXPECT_EQ(result.exit_code, ExitCode::kDone) << result.message;
+    const auto report = estimation::verify_session(session);
+    EXPECT_TRUE(report && report->problems.empty() && report->state == "complete");
+    const auto after = files_of(session / "frames");
+    for (const auto& [name, bytes] : frames) {
+      if (is_temporary(name)) continue;
+      EXPECT_TRUE(after.at(name) == bytes) << name << " was overwritten";
+    }
+    return true;
+  }
+
   std::set<fs::path> folders() const {
     std::set<fs::path> all;
     for (const auto& entry : fs::directory_iterator(sessions())) all.insert(entry.path());
@@ -162,7 +166,7 @@ TEST_F(KilledCapture, LeavesOnlyWholeFilesAndNoEarlierSessionIsTouched) {
   const auto first_files = files_of(first);
   ASSERT_FALSE(first_files.empty());
   std::mt19937_64 random(20260131);
-  int killed_count = 0, with_frames_count = 0;
+  int killed_count = 0, with_frames_count = 0, resumed_count = 0;
   std::map<std::string, std::string> before;  // of the take killed last, and its folder
   fs::path before_folder;
   // A take may be over before it is killed: then there is one more, with less time to live.
@@ -186,14 +190,17 @@ TEST_F(KilledCapture, LeavesOnlyWholeFilesAndNoEarlierSessionIsTouched) {
       if (earlier.contains(folder)) continue;
       for (const std::string& line : incomplete_files(folder)) ADD_FAILURE() << line;
       before_folder = folder;
+      // The next start lists it, and finishes it.
+      resumed_count += expect_resumable(folder) ? 1 : 0;
       before = files_of(folder);
       const bool has_frames = std::ranges::any_of(
           before, [](const auto& file) { return file.first.ends_with(".tiff"); });
       with_frames_count += has_frames ? 1 : 0;
     }
   }
-  std::printf("%d of %d takes killed, %d of them with frames on the disk\n", killed_count,
-              kill_count(), with_frames_count);
+  std::printf("%d of %d takes killed, %d of them with frames on the disk, %d finished\n",
+              killed_count, kill_count(), with_frames_count, resumed_count);
+  EXPECT_GT(resumed_count, 0);
   EXPECT_EQ(killed_count, kill_count()) << "captures were over before they were killed";
 }
 
@@ -217,7 +224,8 @@ TEST_F(KilledCapture, ATornFileWouldBeNoticed) {
 }  // namespace capture
 
 int main(int argc, char** argv) {
-  if (argc == 3 && std::string(argv[1]) == "--capture") return capture::capture_in(argv[2]);
+  if (argc == 3 && std::string(argv[1]) == "--capture")
+    return static_cast<int>(capture::capture_in(argv[2], {}).exit_code);
   testing::InitGoogleTest(&argc, argv);
   return RUN_ALL_TESTS();
 }

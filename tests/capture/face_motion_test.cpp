@@ -1,0 +1,149 @@
+// Captures of the simulated face that holds still, comes nearer, breathes, blinks or sits under a
+// lamp that flickers: what the repeats of the first pattern say, against what the world did.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "capture/capture_job.h"
+#include "estimation/session/manifest.h"
+#include "hw_sim/devices/in_process_rig.h"
+#include "hw_sim/world/head_world.h"
+
+namespace capture {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+using testing::StartsWith;
+
+class FaceMotion : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    std::string name = (fs::temp_directory_path() / "ssrig_motion_XXXXXX").string();
+    folder_ = ::mkdtemp(name.data());
+  }
+  static void TearDownTestSuite() { fs::remove_all(folder_); }
+
+  FaceMotion() {
+    auto rig_file = rig::read_rig_file(fs::path(SMALL_RIG));
+    EXPECT_TRUE(rig_file) << rig_file.error().detail;
+    rig_file_ = *rig_file;
+  }
+
+  std::unique_ptr<hw_sim::HeadWorld> make_world(const hw_sim::Effects& effects) const {
+    std::ifstream file(rig_file_.calibration_file);
+    const std::string json((std::istreambuf_iterator<char>(file)), {});
+    const auto calibration =
+        estimation::parse_calibration(json, rig_file_.calibration_file.string());
+    EXPECT_TRUE(calibration) << calibration.error().text();
+    estimation::CameraInfo camera;
+    camera.width_px = rig_file_.camera.width_px;
+    camera.height_px = rig_file_.camera.height_px;
+    camera.pixel_format = *estimation::parse_pixel_format(rig_file_.camera.pixel_format);
+    camera.black_level_dn = rig_file_.sensor.black_level_dn;
+    camera.saturation_level_dn = rig_file_.sensor.saturation_level_dn;
+    camera.gain_e_per_dn = rig_file_.sensor.gain_e_per_dn;
+    camera.read_noise_e = rig_file_.sensor.read_noise_e;
+    const estimation::ProjectorInfo projector{.width_px = rig_file_.projector.width_px,
+                                              .height_px = rig_file_.projector.height_px,
+                                              .sync_square = {}};
+    auto world = hw_sim::HeadWorld::create(camera, projector, *calibration,
+                                           {.name = "face_female",
+                                            .effects = effects,
+                                            .has_indirect = false,
+                                            .has_identity = false,
+                                            .seed = 7,
+                                            .thread_count = 0,
+                                            .cache_folder = folder_ / "cache"});
+    EXPECT_TRUE(world) << world.error().detail;
+    return std::move(*world);
+  }
+
+  // The report of a capture under such effects.
+  nlohmann::json watch(const hw_sim::Effects& effects) const {
+    CaptureOptions options;
+    options.directory = folder_ / "sessions";
+    options.created = std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
+    options.estimator.is_geometry_only = true;  // the maps are not what is looked at
+    const auto job = CaptureJob::prepare(rig_file_, options);
+    EXPECT_TRUE(job) << job.error().message;
+    const auto world = make_world(effects);
+    hw_sim::InProcessOptions rig_options;
+    rig_options.projector = rig_file_.projector;
+    rig_options.trigger = rig_file_.trigger;
+    rig_options.camera = rig_file_.camera;
+    hw_sim::InProcessRig rig(*world, rig_options);
+    const CaptureResult result =
+        job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
+    EXPECT_EQ(result.exit_code, ExitCode::kDone) << result.message;
+    std::printf("%s\n", result.motion.c_str());
+    std::ifstream file(result.session / "report/motion.json");
+    return nlohmann::json::parse(file, nullptr, false);
+  }
+
+  static fs::path folder_;
+  rig::RigFile rig_file_;
+};
+fs::path FaceMotion::folder_;
+
+TEST_F(FaceMotion, StillFaceIsGood) {
+  const nlohmann::json report = watch({});
+  EXPECT_EQ(report["verdict"], "good");
+  for (const auto& repeat : report["repeats"]) {
+    EXPECT_LT(repeat["stripes_projector_px"].get<double>(), 0.05);
+    EXPECT_LT(repeat["head_mm"].get<double>(), 0.1);
+    EXPECT_TRUE(repeat["local_changes"].empty());
+  }
+}
+
+TEST_F(FaceMotion, FaceThatComesNearerIsMeasuredInMillimetres) {
+  const double speed_mm_per_s = -0.15;
+  const nlohmann::json report = watch({.drift_mm_per_s = {0, 0, speed_mm_per_s}});
+  EXPECT_EQ(report["verdict"], "retake");
+  EXPECT_THAT(report["text"].get<std::string>(), HasSubstr("the stripes moved by"));
+  for (const auto& repeat : report["repeats"]) {
+    const double moved_mm = std::abs(speed_mm_per_s) * repeat["elapsed_s"].get<double>();
+    EXPECT_NEAR(repeat["head_mm"].get<double>(), moved_mm, 0.15 * moved_mm + 0.05);
+    ASSERT_TRUE(repeat.contains("translation_mm")) << "the surface was not used";
+    EXPECT_LT(repeat["translation_mm"][2].get<double>(), 0) << "nearer is less deep";
+  }
+}
+
+TEST_F(FaceMotion, BreathingUnderFlickeringLightIsSeenAsMotionNotAsLight) {
+  hw_sim::Effects effects;
+  effects.breathing_mm = {0, 0.2, 0.4};
+  effects.ambient_frac = 0.01;
+  effects.flicker_frac = 0.3;
+  const nlohmann::json report = watch(effects);
+  EXPECT_NE(report["verdict"], "good");
+  double most_mm = 0;
+  for (const auto& repeat : report["repeats"]) {
+    most_mm = std::max(most_mm, repeat["head_mm"].get<double>());
+    EXPECT_LT(std::abs(repeat["light_frac"].get<double>()), 0.01);
+  }
+  EXPECT_GT(most_mm, 0.2);
+  EXPECT_LT(most_mm, 1.0);  // between two of 0.4 mm to either side
+}
+
+TEST_F(FaceMotion, BlinkAtARepeatIsFoundAtTheEyes) {
+  const nlohmann::json still = watch({});
+  hw_sim::Effects effects;
+  effects.blink_start_s = still["repeats"][1]["elapsed_s"].get<double>() - 0.1;
+  effects.blink_s = 0.4;
+  const nlohmann::json report = watch(effects);
+  EXPECT_EQ(report["verdict"], "usable");
+  EXPECT_THAT(report["text"].get<std::string>(), HasSubstr("(a blink?)"));
+  EXPECT_TRUE(report["repeats"][0]["local_changes"].empty());
+  EXPECT_FALSE(report["repeats"][1]["local_changes"].empty());
+  EXPECT_LT(report["repeats"][1]["stripes_projector_px"].get<double>(), 0.1);
+}
+
+}  // namespace
+}  // namespace capture
