@@ -181,6 +181,16 @@ Result<void> write_file_atomically(const fs::path& path, const std::vector<std::
   return {};
 }
 
+Result<void> put_in_place(const fs::path& written, const fs::path& path) {
+  Descriptor file(::open(written.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
+  if (!file.is_open() || ::fdatasync(file.number()) != 0 ||
+      ::rename(written.c_str(), path.c_str()) != 0)
+    return tl::unexpected(write_error(path, errno));
+  if (const int error_number = sync_folder(path.parent_path()); error_number != 0)
+    return tl::unexpected(write_error(path, error_number));
+  return {};
+}
+
 Result<fs::path> resolve_in_session(const fs::path& session, const std::string& name,
                                     const std::string& place) {
   const auto refuse = [&](InputFault fault, const std::string& why) {

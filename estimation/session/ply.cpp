@@ -78,10 +78,11 @@ Result<void> write_ply(const fs::path& path, const Mesh& mesh) {
   if (file) write_all(mesh, file);
   if (!file) return failed(errno != 0 ? errno : EIO);
   file.close();
-  std::error_code error;
-  fs::rename(staging, path, error);
-  if (error) return failed(error.value());
-  return {};
+  if (!file) return failed(errno != 0 ? errno : EIO);
+  const auto placed = put_in_place(staging, path);
+  std::error_code ignored;
+  if (!placed) fs::remove(staging, ignored);
+  return placed;
 }
 
 }  // namespace estimation
