@@ -70,6 +70,7 @@ double evenness(const std::vector<Equation>& equations) {
       for (int k = 0; k < 3; ++k) sums(i, k) += equation.slope[i] * equation.slope[k];
   cv::Mat strengths;
   cv::SVD::compute(cv::Mat(sums), strengths, cv::SVD::NO_UV);
+  return strengths.at<double>(2) / strengths.at<double>(0);
 }
 
 bool is_known(const Vec3& v) {
