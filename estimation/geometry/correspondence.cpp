@@ -176,7 +176,7 @@ class Decoder {
         workspaces_(
             [&plan, &signals, &options] { return Workspace{RowReader(plan, signals, options)}; }) {
     out.validity = Image<std::uint32_t>(signals.height_px, signals.width_px);
-    modulation_ = Image<float>(signals.height_px, signals.width_px);
+    out.modulation_dn_per_us = Image<float>(signals.height_px, signals.width_px);
     for (AxisImages* axis : {&column_, &row_}) {
       if (!axis->plan.is_decodable) continue;
       axis->position_px = Image<float>(signals.height_px, signals.width_px, 1, kNaN);
@@ -204,15 +204,16 @@ class Decoder {
   void reject_stray_light() {
     constexpr std::size_t kStride = 7;  // a seventh of the pixels tells a percentile
     std::vector<float> values;
-    for (std::size_t i = 0; i < modulation_.samples().size(); i += kStride) {
-      if (modulation_.samples()[i] > 0) values.push_back(modulation_.samples()[i]);
+    for (std::size_t i = 0; i < out_.modulation_dn_per_us.samples().size(); i += kStride) {
+      if (out_.modulation_dn_per_us.samples()[i] > 0)
+        values.push_back(out_.modulation_dn_per_us.samples()[i]);
     }
     if (values.empty()) return;
     const auto rank = values.begin() + static_cast<std::ptrdiff_t>(values.size() * 99 / 100);
     std::nth_element(values.begin(), rank, values.end());
     const float least = static_cast<float>(options_.min_modulation_frac) * *rank;
-    for (std::size_t i = 0; i < modulation_.samples().size(); ++i) {
-      if (modulation_.samples()[i] < least) out_.validity.samples()[i] |= kBackground;
+    for (std::size_t i = 0; i < out_.modulation_dn_per_us.samples().size(); ++i) {
+      if (out_.modulation_dn_per_us.samples()[i] < least) out_.validity.samples()[i] |= kBackground;
     }
   }
 
@@ -224,7 +225,7 @@ class Decoder {
     const auto end = static_cast<std::size_t>(work.reader.lit_end());
     const std::span<float> position_px = axis.position_px.view().row(row);
     const std::span<float> sd_px = axis.sd_px.view().row(row);
-    const std::span<float> modulation = modulation_.view().row(row);
+    const std::span<float> modulation = out_.modulation_dn_per_us.view().row(row);
     const std::span<std::uint32_t> validity = out_.validity.view().row(row);
     for (std::size_t col = 0; col < modulation.size(); ++col)
       modulation[col] = std::max(modulation[col], rows.contrast[col]);
@@ -263,7 +264,6 @@ class Decoder {
   const CorrespondenceOptions& options_;
   AxisImages column_, row_;
   Correspondence& out_;
-  Image<float> modulation_;
   oneapi::tbb::enumerable_thread_specific<Workspace> workspaces_;
 };
 

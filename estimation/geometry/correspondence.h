@@ -61,6 +61,8 @@ struct CorrespondenceOptions {
 struct Correspondence {
   Image<float> column_px, row_px;  // projector px, pixel centres at integers; NaN: not decoded
   Image<float> column_sd_px, row_sd_px;  // standard deviation: noise and aliasing; NaN likewise
+  // White minus black as the clearest pattern tells it, DN/us, whatever the axis; 0: nothing seen.
+  Image<float> modulation_dn_per_us;
   // 0 or errors of Validity: kBackground (not lit), kSaturated (too many samples lost), kTooDark,
   // kNoCorrespondence. A pixel with any error is NaN in every axis.
   Image<std::uint32_t> validity;

@@ -170,7 +170,43 @@ void store_light(const SurfacePoint& point, double sd_mm, double tilt_sd_rad, in
   out.tilt_sd_rad.at(row, col) = static_cast<float>(tilt_sd_rad);
 }
 
-void finish_pixel(const Stereo& stereo, const RawDepth& raw, const FitRow& fit,
+// Pixels that see the glow of their lit neighbours.
+class Glow {
+ public:
+  Glow(const Correspondence& correspondence, const CameraInfo& camera,
+       const SurfaceOptions& options, double px_per_mm)
+      : correspondence_(correspondence),
+        frac_(correspondence.modulation_dn_per_us.empty() ? 0
+                                                          : static_cast<float>(options.glow_frac)) {
+    const ColorFilter filter = camera.pixel_format.filter;
+    const bool is_mosaic = filter != ColorFilter::kMono && filter != ColorFilter::kRgb;
+    const int unit_px = is_mosaic ? 2 : 1;  // to the next pixel of the same colour
+    const double radius_px =
+        std::clamp(options.glow_radius_mm * px_per_mm, 1.0, double{kMaxRadiusPx});
+    step_px_ = unit_px * std::max(1, static_cast<int>(std::lround(radius_px / kSamples / unit_px)));
+  }
+
+  bool is_at(int row, int col) const {
+    if (!(frac_ > 0)) return false;
+    const Image<float>& modulation = correspondence_.modulation_dn_per_us;
+    const float limit = modulation.at(row, col) / frac_;
+    for (int i = -kSamples; i <= kSamples; ++i)
+      for (int j = -kSamples; j <= kSamples; ++j) {
+        const int r = row + i * step_px_, c = col + j * step_px_;
+        if (r < 0 || c < 0 || r >= modulation.height_px() || c >= modulation.width_px()) continue;
+        if (correspondence_.validity.at(r, c) == 0 && modulation.at(r, c) > limit) return true;
+      }
+    return false;
+  }
+
+ private:
+  static constexpr int kSamples = 3;  // on either side
+  const Correspondence& correspondence_;
+  float frac_;
+  int step_px_ = 1;
+};
+
+void finish_pixel(const Stereo& stereo, const RawDepth& raw, const FitRow& fit, const Glow& glow,
                   const SurfaceOptions& options, SurfaceParts parts, int row, int col,
                   Surface& out) {
   const auto i = static_cast<std::size_t>(col);
@@ -185,7 +221,7 @@ void finish_pixel(const Stereo& stereo, const RawDepth& raw, const FitRow& fit,
     point =
         describe_point(stereo, *ray, inverse_per_mm, double{fit.by_col[i]}, double{fit.by_row[i]});
   }
-  if (!point) {
+  if (!point || (fit.is_near_discontinuity[i] && glow.is_at(row, col))) {
     validity |= kNoCorrespondence;
     return;
   }
@@ -244,10 +280,12 @@ void reconstruct_surface_into(const Calibration& calibration, const CameraInfo& 
   clear(images_of(out, parts), camera.height_px, camera.width_px);
   out.validity = correspondence.validity;
   const RawDepth raw = triangulate_image(stereo, correspondence, options, out.validity);
+  const Glow glow(correspondence, camera, options,
+                  median_of(raw.inverse_per_mm) * stereo.camera_focal_px());
   fit_locally({raw.inverse_per_mm.view(), raw.relative_sd.view()},
               fit_options(options, raw, stereo.camera_focal_px()), [&](int row, const FitRow& fit) {
                 for (int col = 0; col < camera.width_px; ++col)
-                  finish_pixel(stereo, raw, fit, options, parts, row, col, out);
+                  finish_pixel(stereo, raw, fit, glow, options, parts, row, col, out);
               });
 }
 

@@ -25,6 +25,12 @@ struct SurfaceOptions {
   double max_slope = 4;             // depth per sideways mm, steeper between neighbours is a jump
   double min_cos_projector = 0.17;  // about 80 degrees
   double min_cos_camera = 0.17;
+  // What is near a discontinuity and gets less than this share of the light that pixels of its
+  // colour get within the radius is lit by their glow, not by the projector: no correspondence. On
+  // two simulated faces that takes 89 and 67% of the false positions in cast shadows and 0.02% of
+  // the good ones; a dark material away from edges is not meant. 0: not looked for.
+  double glow_frac = 0.25;
+  double glow_radius_mm = 3;
   double near_discontinuity_mm = 2;  // a jump or the border within this distance is worth a warning
 };
 

@@ -247,6 +247,34 @@ TEST(Surface, AStepStaysSharpAndIsWarnedOf) {
   EXPECT_EQ(surface.validity.at(100, edge + 20), 0U);
 }
 
+// Beside a cast shadow, unlit pixels see the light that comes out of their lit neighbours; a dark
+// patch in the middle of the surface is a dark patch.
+TEST(Surface, GlowBesideAShadowIsNoCorrespondenceAndADarkPatchIsOne) {
+  const SyntheticRig rig = make_rig(294, 216, false);
+  Truth truth = look_at(rig, plane({0, 0, 1000}, {0, 0, -1}), 0.02, true);
+  const int shadow = 150, patch = 60, patch_end = 66;
+  truth.correspondence.modulation_dn_per_us = Image<float>(216, 294, 1, 0.1F);
+  for (int row = 0; row < 216; ++row) {
+    for (int col = shadow; col < 200; ++col) {
+      truth.correspondence.column_px.at(row, col) = kNaN;
+      truth.correspondence.row_px.at(row, col) = kNaN;
+      truth.correspondence.validity.at(row, col) = kBackground;
+    }
+    truth.correspondence.modulation_dn_per_us.at(row, shadow - 1) = 0.02F;
+    truth.correspondence.modulation_dn_per_us.at(row, shadow - 2) = 0.05F;
+    for (int col = patch; col < patch_end; ++col)
+      truth.correspondence.modulation_dn_per_us.at(row, col) = 0.01F;
+  }
+  const Surface surface = reconstruct(rig, truth, {});
+  EXPECT_EQ(surface.validity.at(100, shadow - 1), std::uint32_t{kNoCorrespondence});
+  EXPECT_EQ(surface.validity.at(100, shadow - 2), std::uint32_t{kNearDiscontinuity});
+  EXPECT_EQ(surface.validity.at(100, patch), 0U);
+  SurfaceOptions options;
+  options.glow_frac = 0;
+  EXPECT_EQ(reconstruct(rig, truth, options).validity.at(100, shadow - 1),
+            std::uint32_t{kNearDiscontinuity});
+}
+
 TEST(Surface, SingleLostPixelsDoNotDisturbTheirNeighbours) {
   const SyntheticRig rig = make_rig(588, 108, false);
   Truth truth = look_at(rig, plane({0, 0, 1000}, {0.2, 0, -1}), 0.02, false);
