@@ -163,6 +163,8 @@ class Estimator::Implementation {
   };
   std::map<std::vector<double>, int> exposures_us(const std::optional<StripeSet>& stripes) const;
   Noise noise_of(const std::optional<StripeSet>& stripes) const;
+  // (DN/us)^2 of the mean of the black patterns that were subtracted.
+  double background_variance(const Noise& noise) const;
 
   Manifest manifest_;
   EstimatorOptions options_;
@@ -228,6 +230,7 @@ Result<Maps> Estimator::Implementation::estimate() {
                               .correspondence = correspondence_,
                               .surface = surface,
                               .noise = noise.merged,
+                              .common_variance = background_variance(noise),
                               .is_noise_measured = noise.is_measured};
     MaterialResult material = estimate_material(input, maps);
     if (!material.phase_px.empty()) {
@@ -324,15 +327,43 @@ Estimator::Implementation::Noise Estimator::Implementation::noise_of(
               return SensorNoise{*camera().gain_e_per_dn, *camera().read_noise_e};
             }),
             true};
-  if (stripes && is_fine_sweep(*stripes))
-    if (const auto estimated = noise_from_stripes(signals_of(*stripes, signals_.patterns).views))
-      return {{*estimated}, false};
+  if (stripes && is_fine_sweep(*stripes)) {
+    const auto all = exposures_us(stripes);
+    const std::vector<double>& usual =
+        std::max_element(all.begin(), all.end(), [](const auto& a, const auto& b) {
+          return a.second < b.second;
+        })->first;
+    const double limit_dn_per_us = (saturation_dn() - black_.mean_dn(usual.back())) / usual.back() -
+                                   signals_.background_dn_per_us;
+    const auto found =
+        noise_from_stripes(signals_of(*stripes, signals_.patterns).views, limit_dn_per_us);
+    // Samples that lost their long exposures are noisier than those.
+    const auto sensor = found ? sensor_of(*found, usual) : std::nullopt;
+    if (sensor && signals_.background_dn_per_us == 0)
+      return {of_sensor([&](double) { return *sensor; }), false};
+    if (found) return {{*found}, false};
+  }
   // Nothing to tell it from: a 20 ke- full well and 10 e- read noise, as cameras of this class
   // have.
   return {of_sensor([](double headroom_dn) {
             return SensorNoise{20000 / std::max(headroom_dn, 1.0), 10};
           }),
           false};
+}
+
+double Estimator::Implementation::background_variance(const Noise& noise) const {
+  double sum = 0;
+  for (const std::vector<double>& exposures : signals_.background_exposures_us) {
+    // A camera that is not known has the stripes' own noise.
+    const std::vector<MergedNoise> own =
+        noise.is_measured
+            ? merged_noise(exposures, {*camera().gain_e_per_dn, *camera().read_noise_e},
+                           saturation_dn() - black_.mean_dn(exposures.back()))
+            : noise.merged;
+    sum += variance_at(own, noise.is_measured ? signals_.background_dn_per_us : 0);
+  }
+  const double count = static_cast<double>(signals_.background_exposures_us.size());
+  return count > 0 ? sum / (count * count) : 0;
 }
 
 Estimator::Estimator(std::unique_ptr<Implementation> implementation)
@@ -415,9 +446,12 @@ Result<SessionEstimate> estimate_session(
   auto maps = (*estimator)->finish();
   if (!maps) return failed(maps.error());
   if (on_progress) on_progress({.stage = "maps", .done = 1, .total = 1});
-  return SessionEstimate{.maps = std::move(*maps),
-                         .notes = (*estimator)->notes(),
-                         .profiles = (*estimator)->profiles()};
+  std::vector<std::string> notes = (*estimator)->notes();
+  if (manifest->state != SessionState::kComplete)
+    notes.insert(notes.begin(),
+                 "the capture is not complete: its state is " + to_string(manifest->state));
+  return SessionEstimate{
+      .maps = std::move(*maps), .notes = std::move(notes), .profiles = (*estimator)->profiles()};
 }
 
 }  // namespace estimation

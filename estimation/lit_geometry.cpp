@@ -105,7 +105,8 @@ BandRadiometry radiometry_of(const MaterialInput& input, int band) {
   return {.band = band,
           .signal_per_us = signal_per_us,
           .projector_black_frac = is_left_in ? of_band(black) / signal_per_us : 0,
-          .noise = input.noise};
+          .noise = input.noise,
+          .common_variance = input.common_variance};
 }
 
 }  // namespace estimation

@@ -169,6 +169,7 @@ void MaterialEstimate::fit_by_likelihood(const StripeScene& scene) {
   for (const BandLikelihood& fitter : likelihood) {
     const int band = fitter.radiometry().band;
     SiteFits fits = fitter.fit(valid_sites(camera(), band, geometry().validity), correction);
+    add_common_noise(scene, fitter.radiometry(), fits);
     if (options.indirect == "auto") fixed_count += fix_indirect_where_earned(camera(), fits);
     BandFit maps =
         maps_of(scene, fitter.radiometry(), fits, {.is_noise_measured = in_.is_noise_measured});

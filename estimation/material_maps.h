@@ -32,6 +32,7 @@ struct MaterialInput {
   const Correspondence& correspondence;
   const Surface& surface;
   std::span<const MergedNoise> noise;
+  double common_variance = 0;     // BandRadiometry
   bool is_noise_measured = true;  // else told by the data or assumed
 };
 

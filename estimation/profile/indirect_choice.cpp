@@ -129,6 +129,22 @@ void fix_at_zero(BatchFit& fit, std::size_t site, double left_open_variance) {
 
 }  // namespace
 
+void add_common_noise(const StripeScene& scene, const BandRadiometry& radiometry, SiteFits& fits) {
+  if (!(radiometry.common_variance > 0)) return;
+  const StripeShape& shape = scene.stripes.shape;
+  const double lit_frac = static_cast<double>(shape.width_px) / shape.period_px;
+  float* const variances =
+      fits.fit.covariance.data() + covariance_index(kIndirect, kIndirect) * fits.fit.stride;
+  for (std::size_t i = 0; i < fits.sites.size(); ++i) {
+    if ((fits.fit.validity[i] & kValidityErrors) != 0 || !(variances[i] > 0)) continue;
+    const auto [row, col] = fits.sites[i];
+    const double full_per_us =
+        radiometry.signal_per_us * static_cast<double>(scene.geometry.gain.at(row, col));
+    const double scale = 1 / (lit_frac * full_per_us);
+    variances[i] += static_cast<float>(radiometry.common_variance * scale * scale);
+  }
+}
+
 std::size_t fix_indirect_where_earned(const CameraInfo& camera, SiteFits& fits) {
   const Blocks blocks(camera, fits);
   std::vector<std::optional<Level>> levels(static_cast<std::size_t>(blocks.rows()) *

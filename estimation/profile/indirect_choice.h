@@ -8,6 +8,11 @@
 
 namespace estimation {
 
+// What all samples of a pixel err by together (BandRadiometry::common_variance) looks like indirect
+// light: adds it to the variance of B. To be called before the choice below, which then holds B to
+// zero only as far as that error allows.
+void add_common_noise(const StripeScene& scene, const BandRadiometry& radiometry, SiteFits& fits);
+
 // Fixes B at zero for the sites whose neighbourhood has none: about 15 x 15 sites of like R_d tell
 // the mean of B and its standard deviation, and |mean| + 2 sd must be below a third of the pixel's
 // own sd of B, so that what bias is left is below a third of the standard deviation gained. The

@@ -43,6 +43,8 @@ struct BandRadiometry {
   double signal_per_us = 0;         // DN/us of a perfect reflector, G = 1
   double projector_black_frac = 0;  // projector black over signal_per_us, unless subtracted already
   std::span<const MergedNoise> noise;
+  // (DN/us)^2 of what all samples of a pixel err by together: a black pattern that was subtracted.
+  double common_variance = 0;
 };
 
 // Everything borrowed.

@@ -50,12 +50,19 @@ std::vector<MergedNoise> above_background(std::vector<MergedNoise> noise,
 inline constexpr double kMixtureWidth = 6;
 double variance_at(std::span<const MergedNoise> noise, double signal_dn_per_us);
 
+// The sensor whose samples merged from all of these exposures have this noise; nullopt if they show
+// no shot noise, which leaves the gain open.
+std::optional<SensorNoise> sensor_of(const MergedNoise& noise,
+                                     std::span<const double> exposures_us);
+
 // Noise from the scatter of adjacent stripe shifts, for cameras whose numbers are not known. A
 // scattering profile is smooth from shift to shift and noise is not, so the median of the fourth
-// differences of a pixel's samples tells its noise; the darkest pixels give the read noise, the
-// bright ones the shot noise. A little too large where stripes are sharp.
-//   signals  [shift] merged signals of adjacent shifts, at least 8
-//   returns  nullopt if there is too little to tell
-std::optional<MergedNoise> noise_from_stripes(std::span<const ImageView<const float>> signals);
+// differences of a pixel's samples tells its noise; the darkest shifts give the read noise, the
+// brightest ones the shot noise. Too large where stripes are sharp.
+//   signals          [shift] merged signals of adjacent shifts, at least 8
+//   below_dn_per_us  brighter samples are left out: they have lost their long exposures
+//   returns          nullopt if there is too little to tell
+std::optional<MergedNoise> noise_from_stripes(std::span<const ImageView<const float>> signals,
+                                              double below_dn_per_us);
 
 }  // namespace estimation

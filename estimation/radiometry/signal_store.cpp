@@ -156,6 +156,9 @@ SignalStore::Signals SignalStore::take() {
   const Image<float> black = mean_black(signals.patterns);
   if (black.empty()) return signals;
   signals.is_black_subtracted = true;
+  for (const PatternRate& pattern : signals.patterns)
+    if (std::holds_alternative<Black>(pattern.pattern->kind))
+      signals.background_exposures_us.push_back(pattern.exposures_us);
   std::erase_if(signals.patterns, [](const PatternRate& pattern) {
     return std::holds_alternative<Black>(pattern.pattern->kind);
   });

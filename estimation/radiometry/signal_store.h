@@ -40,6 +40,7 @@ class SignalStore {
     // What was subtracted, DN/us on average where it and the other patterns' light are, each sample
     // as much as it has of that; 0 without a black pattern.
     double background_dn_per_us = 0;
+    std::vector<std::vector<double>> background_exposures_us;  // of each black pattern
     std::vector<std::string> notes;
   };
   Signals take();

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <random>
 
 #include "estimation/radiometry/illumination.h"
@@ -84,6 +85,16 @@ TEST(MergedNoise, BackgroundThatWasSubtractedAddsItsShotNoise) {
   }
 }
 
+TEST(MergedNoise, TellsTheSensorItIsOf) {
+  const std::vector<double> exposures_us{66667, 16667};
+  const auto sensor =
+      sensor_of(merged_noise(exposures_us, kSensor, kSaturationDn - kBlackDn)[0], exposures_us);
+  ASSERT_TRUE(sensor);
+  EXPECT_NEAR(sensor->gain_e_per_dn, kSensor.gain_e_per_dn, 1e-9);
+  EXPECT_NEAR(sensor->read_noise_e, kSensor.read_noise_e, 1e-9);
+  EXPECT_FALSE(sensor_of({.read_variance = 1}, exposures_us));
+}
+
 TEST(MergedNoise, IsFoundInTheScatterOfAdjacentShifts) {
   std::mt19937_64 random(2);
   const double read_sd = 1e-4, shot = 2e-6;
@@ -98,12 +109,35 @@ TEST(MergedNoise, IsFoundInTheScatterOfAdjacentShifts) {
             signal + normal(random) * std::sqrt(read_sd * read_sd + shot * signal));
       }
   for (const Image<float>& shift : shifts) views.push_back(shift.view());
-  const auto noise = noise_from_stripes(views);
+  const double no_limit = std::numeric_limits<double>::infinity();
+  const auto noise = noise_from_stripes(views, no_limit);
   ASSERT_TRUE(noise);
   EXPECT_NEAR(noise->shot_dn_per_us / shot, 1, 0.2);
   EXPECT_LT(noise->read_variance, 10 * read_sd * read_sd);
   EXPECT_GT(noise->read_variance, 0.5 * read_sd * read_sd);
-  EXPECT_FALSE(noise_from_stripes(std::span(views).first(5)));
+  EXPECT_FALSE(noise_from_stripes(std::span(views).first(5), no_limit));
+}
+
+TEST(MergedNoise, IsFoundWhereAllPixelsAreAlike) {
+  std::mt19937_64 random(3);
+  const double read_sd = 1e-3, shot = 2e-5, limit = 0.4;
+  std::vector<Image<float>> shifts(40, Image<float>(30, 40));
+  std::vector<ImageView<const float>> views;
+  for (std::size_t i = 0; i < shifts.size(); ++i)
+    for (float& sample : shifts[i].samples()) {
+      const double signal = 0.25 + 0.2 * std::cos(2 * 3.14159 * (static_cast<double>(i) - 20) / 40);
+      const double lost = signal > limit ? 16 : 1;  // a long exposure
+      sample = static_cast<float>(
+          signal + normal(random) * std::sqrt(lost * (read_sd * read_sd + shot * signal)));
+    }
+  for (const Image<float>& shift : shifts) views.push_back(shift.view());
+  const auto noise = noise_from_stripes(views, limit);
+  ASSERT_TRUE(noise);
+  for (const double signal : {0.05, 0.25, 0.4}) {
+    SCOPED_TRACE(signal);
+    const double variance = read_sd * read_sd + shot * signal;
+    EXPECT_NEAR((noise->read_variance + noise->shot_dn_per_us * signal) / variance, 1, 0.2);
+  }
 }
 
 TEST(Illumination, FollowsCosineDistanceAndVignetting) {
