@@ -86,9 +86,10 @@ class HeldBack(unittest.TestCase):
         errors = self.errors(maps["position"]["Z"], lambda i: self.truth["z"][i], 0)
         self.assertLess(errors[len(errors) // 2], median_mm)
 
-    def recovered(self, median_frac=0.02, median_mm=0.05, **options):
+    def recovered(self, median_frac=0.02, median_mm=0.05, methods=("lut", "likelihood"),
+                  **options):
         self.make(**options)
-        for method in ("lut", "likelihood"):
+        for method in methods:
             with self.subTest(method=method):
                 notes = self.estimate("--method", method)
                 maps = self.maps()
@@ -98,7 +99,7 @@ class HeldBack(unittest.TestCase):
         self.assertEqual(verified.returncode, 0, verified.stderr)
         return notes
 
-    def bias_and_pull(self, maps, parameter, band=0, name="Y"):
+    def bias_and_pull(self, maps, parameter, band=0, name="Y", least_count=300):
         """Mean relative error away from the border, and the rms of error over stated deviation."""
         truth = self.truth["bands"][band][parameter]
         errors, pulls = [], []
@@ -109,7 +110,7 @@ class HeldBack(unittest.TestCase):
             if self.truth["z"][i] is not None and math.isfinite(value):
                 errors.append(value / truth - 1)
                 pulls.append(errors[-1] / maps["uncertainty"][parameter + "." + name][i])
-        self.assertGreater(len(errors), 300)
+        self.assertGreater(len(errors), least_count)
         return (sum(errors) / len(errors),
                 math.sqrt(sum(pull * pull for pull in pulls) / len(pulls)))
 
@@ -133,10 +134,13 @@ class HeldBack(unittest.TestCase):
     def test_monte_carlo_truth_with_known_anisotropy(self):
         """Within 3%, where the dipole is a quarter off and shows it. What remains is science.md's
         exit radiance, rounded to 1%."""
+        seen = []
         for name, scene in (("red_cheek", {"tilt_deg": 10}), ("green_cheek", {"tilt_deg": 35}),
                             ("red_cheek", {"tilt_deg": 55, "azimuth_deg": 0}),
                             ("red_cheek", {"shape": "sphere", "indirect": 0.1})):
             with self.subTest(name=name, **scene):
+                self.session = os.path.join(self.folder, str(len(seen)))
+                seen.append(name)
                 self.make(format="Mono16", size=[27, 22], monte_carlo=(MONTE_CARLO, [name]),
                           **scene)
                 notes = self.estimate("--model", "monte_carlo")
@@ -144,6 +148,8 @@ class HeldBack(unittest.TestCase):
                 maps = self.maps()
                 self.assertLess(abs(self.bias_and_pull(maps, "sigma_a")[0]), 0.03)
                 self.assertLess(abs(self.bias_and_pull(maps, "sigma_s_prime")[0]), 0.01)
+                if len(seen) > 1:
+                    continue
                 notes = self.estimate("--model", "dipole", "--indirect", "free")
                 self.assertIn("the data do not look like the model dipole", notes)
                 self.assertIn("the misfit is not theirs", notes)
@@ -151,18 +157,19 @@ class HeldBack(unittest.TestCase):
                 self.assertLess(self.bias_and_pull(maps, "sigma_s_prime")[0], -0.2)
                 poor = sum(1 for bits in maps["validity"]["Y"] if int(bits) & 1024)
                 self.assertGreater(poor, 0.9 * len(maps["validity"]["Y"]))
-                shutil.rmtree(self.session)
 
     def test_odd_region_of_a_bayer_sensor_with_four_shuffled_exposures(self):
         self.recovered(format="BayerGB12", size=[27, 21], roi=[101, 57], shuffle=True,
                        index_step=7, exposures_us=[16000, 2000, 8000, 4000])
 
     def test_rgb_png_of_8_bits_on_a_wide_projector(self):
-        self.recovered(0.03, format="RGB8", file="png", size=[21, 17], projector=[1280, 800])
+        self.recovered(0.03, methods=["likelihood"], format="RGB8", file="png", size=[21, 17],
+                       projector=[1280, 800])
 
     def test_stripes_of_another_width_on_a_small_projector(self):
         projector = [854, 480]
-        self.recovered(projector=projector, patterns=stripes("column", 24, 6, range(24)) +
+        self.recovered(methods=["likelihood"], projector=projector,
+                       patterns=stripes("column", 24, 6, range(24)) +
                        gray("column", bits_for(854)) + fringes("column", 20.5, 4), **MONO)
 
     def test_wide_stripes_along_rows_with_sparse_negative_shifts(self):
@@ -189,9 +196,33 @@ class HeldBack(unittest.TestCase):
         self.recovered(blur_px=0.8, transfer="depth", tilt_deg=50, azimuth_deg=0, **MONO)
 
     def test_ambient_light_with_black_and_white(self):
-        self.recovered(0.04, ambient_frac=0.03, projector_black_frac=0.01,
-                       patterns=usual_patterns([1024, 768]) +
-                       [{"kind": "white"}, {"kind": "black"}], **MONO)
+        notes = self.recovered(0.04, ambient_frac=0.1, projector_black_frac=0.01,
+                               patterns=usual_patterns([1024, 768]) +
+                               [{"kind": "white"}, {"kind": "black"}], **MONO)
+        self.assertNotIn("do not look like", notes)  # the black pattern's photons are noise, too
+        self.assertLess(self.bias_and_pull(self.maps(), "sigma_a", least_count=200)[1], 1.25)
+
+    def test_projector_black_without_a_black_pattern(self):
+        self.recovered(methods=["likelihood"], projector_black_frac=0.05, edit=lambda manifest: (
+            manifest["calibration"]["irradiance"].update(
+                signal_per_us=manifest["calibration"]["irradiance"]["signal_per_us"] * 3),
+            manifest["calibration"].update(
+                projector_black=manifest["calibration"]["projector_black"] * 3)), **MONO)
+
+    def test_brackets_with_missing_frames(self):
+        """The stated uncertainty is that of the frames there are."""
+        def edit(manifest):
+            manifest["frames"] = [f for f in manifest["frames"]
+                                  if f["exposure_us"] < 16000 or f["pattern"] % 3]
+        self.recovered(0.03, methods=["likelihood"], edit=edit, **MONO)
+        for parameter in PARAMETERS:
+            bias, pull = self.bias_and_pull(self.maps(), parameter, least_count=200)
+            self.assertGreater(pull, 0.8, parameter)
+            self.assertLess(pull, 1.25, parameter)
+
+    def test_projector_on_its_side_above_the_camera(self):
+        self.recovered(0.03, methods=["likelihood"], median_mm=0.15, projector_roll_deg=90,
+                       baseline_deg=-60, **MONO)
 
     def test_a_sphere_before_nothing(self):
         self.make(format="Mono12", shape="sphere", radius_mm=22, mm_per_px=1.2, size=[44, 40])
@@ -201,6 +232,9 @@ class HeldBack(unittest.TestCase):
         for z, truth in zip(maps["position"]["Z"], self.truth["z"]):
             if truth is None:
                 self.assertTrue(math.isnan(z))
+        # The rim's points are as good as the others, though they have neighbours on one side alone.
+        z = self.errors(maps["position"]["Z"], lambda i: self.truth["z"][i], 0)
+        self.assertLess(math.sqrt(sum(e * e for e in z) / len(z)), 0.04)
 
     def test_gray_code_alone_of_another_rig(self):
         for is_paired in (True, False):
@@ -214,13 +248,24 @@ class HeldBack(unittest.TestCase):
             self.assertEqual(set(maps["validity"]["Y"]), {0})
             self.check_depth(maps, 0.4)
 
+    def test_too_few_shifts_leave_what_the_gray_code_tells(self):
+        self.make(format="Mono12", size=[20, 16], patterns=gray("column", 10) + gray("row", 10) +
+                  stripes("column", 40, 8, [0, 10, 20, 30]))
+        notes = self.estimate()
+        self.assertIn("4 shifts of the column stripes of period 40 px tell a phase to some", notes)
+        self.assertIn("no stripes with enough shifts", notes)
+        # Whole columns make rough normals, so that a few seem to face away.
+        errors = [v for v in self.maps()["validity"]["Y"] if int(v) & ERRORS]
+        self.assertLess(len(errors), 0.05 * self.width * self.height)
+        self.check_depth(self.maps(), 0.4)
+
     def test_whole_numbers_unknown_keys_and_big_endian_deflated_strips(self):
         def edit(manifest):
             manifest["camera"].update(width=26.0, height=20.0, black_level=102, lens=None)
             manifest["other"] = {"deep": [1, {"er": None}]}
             manifest["patterns"][0]["note"] = "first"
-        self.recovered(edit=edit, tiff={"order": ">", "compression": 8, "rows_per_strip": 3},
-                       **MONO)
+        self.recovered(methods=["likelihood"], edit=edit, **MONO,
+                       tiff={"order": ">", "compression": 8, "rows_per_strip": 3})
 
     def test_next_to_nothing(self):
         for size, fmt in (([1, 1], "Mono12"), ([1, 33], "BayerRG12"), ([2, 2], "RGB8")):
@@ -258,6 +303,25 @@ class HeldBack(unittest.TestCase):
             self.assertIn("session.json: /frames: ", complaint)
             self.assertFalse(os.path.exists(os.path.join(self.session, "maps")))
             shutil.rmtree(self.session)
+
+    def test_a_failed_capture_that_cannot_be_written_to(self):
+        """The maps go elsewhere, and both commands say what it is. Every path has a space."""
+        def edit(manifest):
+            manifest.update(state="failed", failure={"code": "frame_lost", "slots": [[87, 1]],
+                                                     "text": "the last one"})
+            manifest["frames"].pop()
+        self.session = os.path.join(self.folder, "a session")
+        self.make(edit=edit, **MONO)
+        for folder, _, _ in os.walk(self.session):
+            os.chmod(folder, 0o555)
+            self.addCleanup(os.chmod, folder, 0o755)
+        notes = self.estimate("--out", os.path.join(self.folder, "the maps"))
+        self.assertIn("its state is failed", notes)
+        self.assertIn("sigma_a.exr", os.listdir(os.path.join(self.folder, "the maps")))
+        self.assertEqual(sorted(os.listdir(self.session)), ["frames", "session.json"])
+        verified = self.ssrig("verify", self.session)
+        self.assertEqual(verified.returncode, 4, verified.stderr)
+        self.assertIn("frame_lost: the last one", verified.stdout)
 
     def test_maps_of_an_earlier_run_go_or_stay_as_a_whole(self):
         self.make(**MONO)

@@ -473,7 +473,8 @@ DEFAULTS = {
     "baseline_deg": 0.0, "projector_roll_deg": 0.0,
     "camera_distortion": [0, 0, 0, 0, 0], "projector_distortion": [0, 0, 0, 0, 0],
     "shape": "plane", "tilt_deg": 10, "azimuth_deg": 20, "radius_mm": 60.0,
-    "media": SKIN, "monte_carlo": None, "indirect": 0.0, "blur_px": 0.0, "transfer": None, "noise": True, "seed": 1,
+    "media": SKIN, "monte_carlo": None, "indirect": 0.0, "blur_px": 0.0, "transfer": None,
+    "noise": True, "seed": 1,
     "black": None, "saturation": None, "full_well_e": 20000, "read_noise_e": 10,
     "projector_black_frac": 0.0, "ambient_frac": 0.0, "flat_field": False, "vignetting": False,
     "dark_frames": False, "white_dn_frac": 0.85, "shuffle": False, "index_step": 1,
@@ -638,7 +639,10 @@ def make(folder, **given):
         calibration["projector"]["distortion"] = o["projector_distortion"]
     if o["projector_black_frac"]:
         calibration["projector_black"] = [s * o["projector_black_frac"] for s in signal]
-    curve = [math.exp(-0.5 * (2 * math.pi * n / 40 * o["blur_px"])**2) for n in range(1, 17)]
+    # In projector px of the picture's middle: on a tilted plane they are wider than pitch_mm.
+    middle = surface_point(o, rig.ray((h - 1) / 2, (w - 1) / 2, o["roi"]), rig.distance)
+    blur_px = blur_mm / pitch_of(rig, *middle, 0)
+    curve = [math.exp(-0.5 * (2 * math.pi * n / 40 * blur_px)**2) for n in range(1, 17)]
     if o["transfer"] == "list":
         calibration["stripe_transfer"] = curve
     elif o["transfer"] == "object":
