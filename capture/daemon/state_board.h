@@ -53,9 +53,9 @@ struct DaemonSnapshot {
   int slots_filled = 0;
   int slots_total = 0;
   int retake_count = 0;
-  std::string motion;              // of the capture under way, once it is known
+  std::string motion{};            // of the capture under way, once it is known
   std::vector<std::string> notes;  // what the start-up checks found
-  std::vector<InterruptedSession> interrupted;
+  std::vector<InterruptedSession> interrupted{};
   std::optional<CaptureOutcome> last;
 };
 
