@@ -79,6 +79,8 @@ std::vector<Case> cases() {
       {"away at 0.01 mm/s", drift(0, 0.01)},
       {"away at 0.05 mm/s", drift(0, 0.05)},
       {"away at 0.2 mm/s", drift(0, 0.2)},
+      {"away at 1 mm/s", drift(0, 1)},  // what 0.2 mm/s is to a capture five times as slow
+      {"away at 2 mm/s", drift(0, 2)},
       {"sideways at 0.2 mm/s", drift(0.2, 0)},
       {"breathing",
        [](const Effects& all, Effects& own) {
