@@ -79,7 +79,8 @@ Difference compare(const estimation::Image<std::uint16_t>& a,
   Sums all;
   Difference d;
   const auto sa = a.samples(), sb = b.samples();
-  const auto row_size = static_cast<std::size_t>(a.width_px() * a.channel_count());
+  const auto row_size =
+      static_cast<std::size_t>(a.width_px()) * static_cast<std::size_t>(a.channel_count());
   const auto site_of = [&](std::size_t i) {
     return estimation::mosaic_site(static_cast<int>(i / row_size), i % row_size, a.channel_count());
   };

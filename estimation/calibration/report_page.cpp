@@ -42,7 +42,7 @@ Result<void> write_report_page(const fs::path& folder, const std::string& title,
       "</title>\n<style>\nbody { font-family: sans-serif; margin: 2rem; color: #222; }\n"
       "pre { font-size: 0.85rem; line-height: 1.4; overflow-x: auto; }\n"
       "main { display: flex; flex-wrap: wrap; gap: 1.5rem; align-items: flex-start; }\n"
-      "img { max-width: 100%; border: 1px solid #ddd; }\n</style>\n<h1>" +
+      "img { max-width: min(100%, 42rem); border: 1px solid #ddd; }\n</style>\n<h1>" +
       escaped(title) + "</h1>\n<pre>" + escaped(text) + "</pre>\n<main>\n";
   for (const std::string& name : pictures_in(folder))
     page.append("<img src=\"").append(name).append("\" alt=\"").append(name).append("\">\n");

@@ -108,7 +108,7 @@ double TargetSight::projector_row_px(int row, int col) const {
 }
 
 std::vector<cv::Vec2d> TargetSight::corners_mm(const View& view) const {
-  const auto stride = static_cast<std::size_t>(width_ + 1);
+  const std::size_t stride = static_cast<std::size_t>(width_) + 1;
   std::vector<cv::Vec2d> corners(stride * static_cast<std::size_t>(height_ + 1));
   tbb::parallel_for(0, height_ + 1, [&](int row) {
     for (int col = 0; col <= width_; ++col) {
@@ -135,7 +135,7 @@ void TargetSight::look(const View& view) {
     for (int col = 0; col < width_; ++col) {
       const std::size_t i = at(row, col);
       const std::size_t above = i + static_cast<std::size_t>(row);  // corners have one more a row
-      const std::size_t below = above + static_cast<std::size_t>(width_ + 1);
+      const std::size_t below = above + static_cast<std::size_t>(width_) + 1;
       const Vec3 point = view.meet(col, row), towards = view.lamp.center_mm() - point;
       const double distance_mm = cv::norm(towards);
       const ProjectedPoint lit = view.lamp.project(point);

@@ -73,8 +73,8 @@ TEST(GeometryJob, TwelveSessionsBecomeACalibrationFileThatSessionsCarry) {
   EXPECT_THAT(estimation::extra_calibration_keys(contents(file)), HasSubstr("pose_12"));
   const auto written = job.write_report(root / "report");
   ASSERT_TRUE(written) << written.error().text();
-  for (const char* name :
-       {"report.txt", "pose_errors.png", "camera_coverage.png", "projector_coverage.png"})
+  for (const char* name : {"report.txt", "report.html", "pose_errors.png", "camera_coverage.png",
+                           "projector_coverage.png"})
     EXPECT_TRUE(fs::exists(root / "report" / name)) << name;
   EXPECT_THAT(contents(root / "report" / "report.txt"), HasSubstr("pose_7"));
 }
