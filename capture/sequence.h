@@ -10,12 +10,13 @@
 //                    └──── any of these ◄── Collecting ◄─────────── Exposing ─last pulse─┘
 //                                               │ all slots filled       ended
 //                                               ▼
-//     Showing ─swap─► Delaying ─latency: fire─► Exposing     (sync mode software)
-//     Showing ─swap─► Pacing ─its refreshes─► the next Showing, or Collecting     (pace paced)
 //     any state ─abort, failure─► Blackening ◄─ Confirming
 //                                     │ black shown, or its deadline
 //                                     ▼
 //                                   Ended (complete, failed, aborted)
+//
+//   sync mode software:  Showing ─swap─► Delaying ─latency: fire─► Exposing
+//   pace paced:          Showing ─swap─► Pacing ─its refreshes─► the next Showing, or Collecting
 //
 // The first showing of a run is a priming: black under a flipped square. It wakes a camera that
 // drops its first triggered frame after a rest, teaches the ledger the camera's clock, and proves,
@@ -38,7 +39,8 @@
 // brackets of a pattern are shown in turn, the priming's too, and whatever became of one: the
 // camera's sequencer steps with the edges. A frame is handed on when the next edge has come in its
 // number: then no other light was taken for a flip between. Confirming is one more flip under black
-// for that.
+// for that, and what fails in it is held against the last pattern. In sync mode software the host
+// triggers, so there is no other light: Confirming is as with a box.
 #pragma once
 
 #include <chrono>
