@@ -63,7 +63,12 @@ std::string as_line(const Json& line) {
 
 std::map<std::string, std::string> journalled_settings(const rig::RigFile& rig_file) {
   const auto in_us = [](std::chrono::microseconds time) { return std::to_string(time.count()); };
+  const auto name_of_sync = [](rig::SyncMode sync) {
+    if (sync == rig::SyncMode::kTriggerBox) return "trigger_box";
+    return sync == rig::SyncMode::kCameraLine ? "camera_line" : "software";
+  };
   return {
+      {"sequence.sync", name_of_sync(rig_file.sequence.sync)},
       {"camera.serial", rig_file.camera.serial},
       {"camera.bracketing",
        rig_file.camera.bracketing == rig::Bracketing::kSequencer ? "sequencer" : "trigger_width"},

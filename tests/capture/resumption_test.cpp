@@ -179,6 +179,8 @@ TEST_F(Resumed, WhatDiffersIsNamed) {
   expect_refusal("the order of projection was 0 1 2");
   rig_file_.camera.bracketing = rig::Bracketing::kTriggerWidth;
   expect_refusal("camera.bracketing was sequencer and is now trigger_width");
+  rig_file_.sequence.sync = rig::SyncMode::kCameraLine;
+  expect_refusal("sequence.sync was trigger_box and is now camera_line");
   rig_file_.projector.width_px = 128;
   expect_refusal("/projector/width was 256 and is now 128");
   const std::string calibration = root_ / "other.json";
