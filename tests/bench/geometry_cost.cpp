@@ -1,14 +1,15 @@
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/task_arena.h>
-#include <sys/resource.h>
 
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <fstream>
 #include <functional>
 #include <limits>
+#include <string>
 
 #include "estimation/geometry/bend_shift.h"
 #include "tests/bench/geometry_bench.h"
@@ -27,11 +28,21 @@ std::uint64_t read_bare(const GeometrySession& session) {
   return total;
 }
 
-double peak_mb() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_maxrss) / 1024;
+// Of this process: VmRSS, or VmHWM, its peak.
+double memory_mb(const std::string& key) {
+  std::ifstream status("/proc/self/status");
+  std::string word;
+  while (status >> word)
+    if (word == key + ":") {
+      double kb = 0;
+      status >> kb;
+      return kb / 1024;
+    }
+  return 0;
 }
+
+// From now on the peak is that of what comes.
+void forget_peak() { std::ofstream("/proc/self/clear_refs") << 5; }
 
 double frames_mb(const GeometrySession& session) {
   std::size_t bytes = 0;
@@ -42,7 +53,6 @@ double frames_mb(const GeometrySession& session) {
 void add_rows(const GeometrySession& session, const GeometryOptions& options, Table& table,
               Report& report) {
   const auto& manifest = session.manifest;
-  const double before_mb = peak_mb();
   std::uint64_t total = 0;
   const double read_ms = least_ms(options.repeats, [&] { total = read_bare(session); });
   if (total == 0) report.fail(session.name + ": the frames are black");
@@ -50,6 +60,8 @@ void add_rows(const GeometrySession& session, const GeometryOptions& options, Ta
   const auto frame_views = frames.views();
   const auto correspondence_options = frames.correspondence_options();
   estimation::Correspondence found, moved;
+  forget_peak();
+  const double before_mb = memory_mb("VmRSS");
   const double decode_ms = least_ms(options.repeats, [&] {
     found =
         estimation::decode_correspondence(frame_views, manifest.projector, correspondence_options);
@@ -65,9 +77,9 @@ void add_rows(const GeometrySession& session, const GeometryOptions& options, Ta
         frame_views, manifest.calibration, manifest.camera, manifest.projector, {},
         {.levels = correspondence_options.levels}, moved);
   });
-  report.text(session.name + ": frames " + digits(frames_mb(session), 4) +
-              " MB; peak of the process " + digits(peak_mb(), 4) + " MB, " +
-              digits(peak_mb() - before_mb, 4) + " MB of it correspondence and surface");
+  report.text(session.name + ": frames " + digits(frames_mb(session), 4) + " MB; beyond them " +
+              digits(memory_mb("VmHWM") - before_mb, 4) +
+              " MB at the most for correspondence and surface");
   GeometrySignals signals;
   const double merge_ms = least_ms(options.repeats, [&] { signals = merge_signals(session); });
   const auto views = signals.views();
