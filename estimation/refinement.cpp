@@ -22,9 +22,6 @@
 namespace estimation {
 namespace {
 
-// Error of position on a simulated face, mm, median and 95th percentile: 0.051 and 0.32 before,
-// 0.006 and 0.102 after one pass, 0.079 after two, 0.088 after three.
-constexpr int kPositionPasses = 2;
 // Beyond one l_d from the end of the light three rounds leave 1.2% of sigma_a, four 0.5%.
 constexpr int kRounds = 4;
 // Light still comes from where the surface is too oblique for a fit.
@@ -120,7 +117,10 @@ class Refinement {
   }
 
   MaterialResult run() {
-    for (int pass = 0; pass < kPositionPasses; ++pass) correct_position();
+    // Once: the surface is in its place but for its creases already, and a second time feeds its
+    // own noise back. Median error of a simulated face 0.0063 mm before, 0.0061 after one pass,
+    // 0.0067 after two; under Monte Carlo 0.0105, 0.0149 and 0.0157.
+    correct_position();
     in_.surface = reconstructed(in_.surface_options);
     const Surface lit_surface = reconstructed(lit_options(in_.surface_options));
     const LightScene scene(in_.material, lit_surface, stripes_.axis);
@@ -177,7 +177,9 @@ class Refinement {
                                         .oblique_px = oblique_px},
                                        surface, fields_of(surface), sd_px.view());
     px = std::move(corrected.px);
-    sd_px = std::move(corrected.sd_px);
+    // Beside noise: what the bends' correction may be wrong by, this one may be, too.
+    for (std::size_t i = 0; i < sd_px.samples().size(); ++i)
+      sd_px.samples()[i] = std::max(sd_px.samples()[i], corrected.sd_px.samples()[i]);
   }
 
   // [band] by how much light's oblique ways move the stripes' phase; empty for models without such
