@@ -18,7 +18,7 @@ namespace hw_sim {
 
 namespace {
 
-constexpr std::uint64_t kVersion = 9;  // of what a file holds
+constexpr std::uint64_t kVersion = 10;  // of what a file holds
 constexpr std::size_t kStrands = 16;   // of photons, each with its own sums: fixed, so that threads
                                        // do not change the numbers
 
