@@ -64,9 +64,9 @@ void Ledger::open_showing(const Flip& flip) {
 
 nanoseconds Ledger::train_length(const Showing& showing) const {
   nanoseconds length{0};
-  for (int i = 0; i < rules_.brackets_per_showing(); ++i)
-    length +=
-        rules_.exposures[static_cast<std::size_t>(showing.flip.first_bracket + i)] + rules_.gap;
+  const int end = showing.flip.first_bracket + rules_.brackets_per_showing();
+  for (int bracket = showing.flip.first_bracket; bracket < end; ++bracket)
+    length += rules_.exposures[static_cast<std::size_t>(bracket)] + rules_.gap;
   return length;
 }
 

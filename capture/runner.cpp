@@ -151,9 +151,9 @@ std::vector<int> paced_refreshes(const rig::RigFile& rig_file, const LedgerRules
   const auto bracket_count = static_cast<int>(rules.exposures.size());
   for (int first = 0; first < bracket_count; first += rules.brackets_per_showing()) {
     std::chrono::nanoseconds busy = rig_file.sequence.readout + kPaceMargin;
-    for (int i = 0; i < rules.brackets_per_showing(); ++i)
-      busy += rules.exposures[static_cast<std::size_t>(first + i)] +
-              (i > 0 ? rules.gap : std::chrono::microseconds(0));
+    for (int bracket = first; bracket < first + rules.brackets_per_showing(); ++bracket)
+      busy += rules.exposures[static_cast<std::size_t>(bracket)] +
+              (bracket > first ? rules.gap : std::chrono::microseconds(0));
     if (!rules.has_edge_per_bracket)
       busy += std::max(rig_file.trigger.delay_rise, rig_file.trigger.delay_fall);
     const auto whole =

@@ -2,6 +2,7 @@
 // them, and nothing else.
 #pragma once
 
+#include <chrono>
 #include <condition_variable>
 #include <functional>
 #include <map>
