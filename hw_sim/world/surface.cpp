@@ -53,8 +53,9 @@ struct Surface::Embree {
   RTCScene scene = nullptr;
 
   explicit Embree(const Mesh& mesh) {
-    // "threads=1": the tree's build is short, and Embree must not start threads of its own.
-    device = rtcNewDevice("threads=1,set_affinity=0");
+    // Not "threads=1": Embree's scheduler is TBB here, and one thread for it would be one for all
+    // of the process (tbb::global_control) as long as the device lives.
+    device = rtcNewDevice("set_affinity=0");
     estimation::check(device != nullptr, "Embree has no device");
     scene = rtcNewScene(device);
     rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
