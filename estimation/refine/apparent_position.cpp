@@ -116,9 +116,7 @@ Position true_position(const StripeSweep& sweep, const LitSurface& surface,
                                     sweep.stripes.shape.period_px);
         const auto reading = reader.read(row, col, channel, static_cast<double>(old_px));
         if (!shift || !reading || !(reading->variance_px2 > 0)) continue;
-        const double oblique_px =
-            sweep.oblique_px.empty() ? 0 : static_cast<double>(sweep.oblique_px[band].at(row, col));
-        const double corrected_px = reading->px - *shift - oblique_px;
+        const double corrected_px = reading->px - *shift;
         if (!(std::abs(corrected_px - static_cast<double>(old_px)) < kMostShiftPx)) continue;
         sum += corrected_px / reading->variance_px2;
         weight += 1 / reading->variance_px2;

@@ -20,9 +20,6 @@ struct StripeSweep {
   const StripeSet& stripes;
   std::span<const ImageView<const float>> signals;  // [shift][height][width][channel] DN/us
   std::span<const MergedNoise> noise;
-  // [band][height][width] what the directions of the light move the phase by, projector px; empty:
-  // nothing
-  std::span<const Image<float>> oblique_px = {};
 };
 
 struct Position {
