@@ -128,7 +128,7 @@ class Estimator::Implementation {
         model_(std::move(model)),
         arena_(options.thread_count > 0 ? options.thread_count : tbb::task_arena::automatic),
         store_(manifest_, std::move(auxiliary.black), saturation_dn(),
-               std::move(auxiliary.flat_field)) {}
+               std::move(auxiliary.flat_field), CodeFrames::kLeft) {}
 
   Result<void> add_frame(std::size_t frame_index, ImageView<const std::uint16_t> frame) {
     return arena_.execute([&] { return store_.add(frame_index, frame); });
@@ -151,8 +151,14 @@ class Estimator::Implementation {
 
   // The outline: signals, correspondence, surface, then each band's parameters.
   Result<Maps> estimate();
-  // The patterns as the geometry sees them; sums of an RGB frame's bands are kept in `sums`.
-  std::vector<PatternSignal> geometry_signals(std::vector<Image<float>>& sums) const;
+  // What geometry_signals makes for what it returns: sums of an RGB frame's bands, frames by
+  // exposure.
+  struct GeometryInput {
+    std::vector<Image<float>> sums;
+    std::vector<std::vector<ExposedFrame>> frames;
+  };
+  // The patterns as the geometry sees them.
+  std::vector<PatternSignal> geometry_signals(GeometryInput& made) const;
   Correspondence correspond(std::span<const MergedNoise> noise);
   // The surface, its bends' shift of the stripes taken off the correspondence.
   Surface reconstruct(const SurfaceOptions& options, PhaseSource source);
@@ -269,36 +275,47 @@ void Estimator::Implementation::move_correspondence(const MaterialResult& materi
 }
 
 Surface Estimator::Implementation::reconstruct(const SurfaceOptions& options, PhaseSource source) {
-  std::vector<Image<float>> sums;
-  return reconstruct_bent_surface(geometry_signals(sums), manifest_.calibration, camera(),
+  GeometryInput made;
+  return reconstruct_bent_surface(geometry_signals(made), manifest_.calibration, camera(),
                                   manifest_.projector, options, {.source = source},
                                   correspondence_);
 }
 
-std::vector<PatternSignal> Estimator::Implementation::geometry_signals(
-    std::vector<Image<float>>& sums) const {
-  sums.reserve(signals_.patterns.size());
+std::vector<PatternSignal> Estimator::Implementation::geometry_signals(GeometryInput& made) const {
+  made.sums.reserve(signals_.patterns.size());
+  made.frames.reserve(signals_.patterns.size());
   std::vector<PatternSignal> signals;
   for (const PatternRate& pattern : signals_.patterns) {
-    if (std::holds_alternative<ImageFile>(pattern.pattern->kind) || pattern.rate.empty()) continue;
-    if (pattern.rate.channel_count() > 1) sums.push_back(sum_of_channels(pattern.rate));
+    if (std::holds_alternative<ImageFile>(pattern.pattern->kind)) continue;
+    if (!pattern.frames.empty()) {
+      std::vector<ExposedFrame>& frames = made.frames.emplace_back();
+      for (std::size_t i = 0; i < pattern.frames.size(); ++i)
+        frames.push_back({pattern.exposures_us[i], pattern.frames[i].view()});
+      signals.push_back({.kind = &pattern.pattern->kind, .signal = {}, .frames = frames});
+    }
+    if (pattern.rate.empty()) continue;
+    if (pattern.rate.channel_count() > 1) made.sums.push_back(sum_of_channels(pattern.rate));
     signals.push_back({&pattern.pattern->kind, pattern.rate.channel_count() > 1
-                                                   ? std::as_const(sums.back()).view()
+                                                   ? std::as_const(made.sums.back()).view()
                                                    : pattern.rate.view()});
   }
   return signals;
 }
 
 Correspondence Estimator::Implementation::correspond(std::span<const MergedNoise> noise) {
-  std::vector<Image<float>> sums;
-  const std::vector<PatternSignal> signals = geometry_signals(sums);
+  GeometryInput made;
+  const std::vector<PatternSignal> signals = geometry_signals(made);
   CorrespondenceOptions options;
+  options.levels = {.black = &black_, .saturation_dn = saturation_dn()};
   options.noise.assign(noise.begin(), noise.end());
   Correspondence found = decode_correspondence(signals, manifest_.projector, options);
   notes_.insert(notes_.end(), found.notes.begin(), found.notes.end());
   // Their work is done; at full size they are half of all signals.
   for (PatternRate& pattern : signals_.patterns)
-    if (std::holds_alternative<GrayCode>(pattern.pattern->kind)) pattern.rate = {};
+    if (std::holds_alternative<GrayCode>(pattern.pattern->kind)) {
+      pattern.rate = {};
+      pattern.frames.clear();
+    }
   return found;
 }
 

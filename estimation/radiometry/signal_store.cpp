@@ -60,6 +60,7 @@ double mean_where_lit(const Image<float>& black, const std::vector<PatternRate>&
     if (!(dark > 0)) continue;
     double light = 0;
     for (const PatternRate& pattern : patterns) {
+      if (pattern.rate.empty()) continue;
       const double lit = static_cast<double>(pattern.rate.samples()[i]);
       if (lit > 0) light += lit;
     }
@@ -72,7 +73,7 @@ double mean_where_lit(const Image<float>& black, const std::vector<PatternRate>&
 }  // namespace
 
 SignalStore::SignalStore(const Manifest& manifest, CameraBlack black, double saturation_dn,
-                         Image<float> flat_field)
+                         Image<float> flat_field, CodeFrames code_frames)
     : manifest_(manifest),
       black_(std::move(black)),
       saturation_dn_(saturation_dn),
@@ -95,6 +96,20 @@ SignalStore::SignalStore(const Manifest& manifest, CameraBlack black, double sat
       const FrameRecord &left = manifest_.frames[a], &right = manifest_.frames[b];
       return std::tie(left.exposure_us, left.file) < std::tie(right.exposure_us, right.file);
     });
+  if (code_frames == CodeFrames::kLeft && flat_field_.empty() &&
+      sample_channel_count(manifest.camera.pixel_format.filter) == 1)
+    leave_code_frames();
+}
+
+void SignalStore::leave_code_frames() {
+  for (Slot& slot : slots_) {
+    const auto* code = std::get_if<GrayCode>(&slot.merged.pattern->kind);
+    if (code == nullptr) continue;
+    GrayCode inverse = *code;
+    inverse.inverted = !code->inverted;
+    for (std::size_t other = 0; other < slots_.size(); ++other)
+      if (slots_[other].merged.pattern->kind == PatternKind(inverse)) slot.inverse = other;
+  }
 }
 
 Result<void> SignalStore::add(std::size_t frame_index, ImageView<const std::uint16_t> frame) {
@@ -114,7 +129,7 @@ Result<void> SignalStore::add(std::size_t frame_index, ImageView<const std::uint
   waiting_[frame_index] = copy_of(frame);
   Slot& slot = slots_[slot_of_frame_[frame_index]];
   slot.arrived.push_back(frame_index);
-  if (slot.arrived.size() == slot.expected.size()) merge(slot);
+  if (slot.arrived.size() == slot.expected.size() && !slot.inverse) merge(slot);
   return {};
 }
 
@@ -129,10 +144,19 @@ void SignalStore::merge(Slot& slot) {
   for (const std::size_t index : slot.expected) waiting_[index] = {};
 }
 
+void SignalStore::leave(Slot& slot) {
+  for (const std::size_t index : slot.expected) {
+    if (!has_come_[index]) continue;
+    slot.merged.exposures_us.push_back(manifest_.frames[index].exposure_us);
+    slot.merged.frames.push_back(std::move(waiting_[index]));
+  }
+}
+
 SignalStore::Signals SignalStore::take() {
   Signals signals;
   std::size_t unseen = 0;
   for (Slot& slot : slots_) {
+    const bool is_pair = slot.inverse && !slots_[*slot.inverse].arrived.empty();
     if (slot.arrived.empty()) {
       ++unseen;
       continue;
@@ -142,8 +166,12 @@ SignalStore::Signals SignalStore::take() {
                               describe(slot.merged.pattern->kind) + ") has " +
                               std::to_string(slot.arrived.size()) + " of " +
                               std::to_string(slot.expected.size()) + " frames");
-      merge(slot);
+      if (!slot.inverse) merge(slot);
     }
+    if (is_pair)
+      leave(slot);
+    else if (slot.inverse)
+      merge(slot);
     signals.patterns.push_back(std::move(slot.merged));
   }
   if (unseen > 0)
@@ -162,7 +190,8 @@ SignalStore::Signals SignalStore::take() {
   std::erase_if(signals.patterns, [](const PatternRate& pattern) {
     return std::holds_alternative<Black>(pattern.pattern->kind);
   });
-  for (PatternRate& pattern : signals.patterns) subtract(black, pattern.rate);
+  for (PatternRate& pattern : signals.patterns)
+    if (!pattern.rate.empty()) subtract(black, pattern.rate);
   signals.background_dn_per_us = mean_where_lit(black, signals.patterns);
   return signals;
 }

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,13 +19,20 @@ struct PatternRate {
   const Pattern* pattern = nullptr;  // of the store's manifest
   Image<float> rate;                 // [height][width][channel] DN/us, see merge_brackets
   std::vector<double> exposures_us;  // merged into it, rising
+  // [exposure] instead of `rate`: as they came, black patterns not subtracted.
+  std::vector<Image<std::uint16_t>> frames = {};
 };
+
+// Whether Gray code and its inverse, in which black and flat field cancel and which the geometry
+// alone reads, are merged, or left as frames: it decodes them as they are. Frames of several
+// channels, or with a flat field, are merged in either case.
+enum class CodeFrames { kMerged, kLeft };
 
 // Feed from one thread. The manifest must outlive the store and what it returns.
 class SignalStore {
  public:
   SignalStore(const Manifest& manifest, CameraBlack black, double saturation_dn,
-              Image<float> flat_field);
+              Image<float> flat_field, CodeFrames code_frames = CodeFrames::kMerged);
 
   // Copies the frame; merges its pattern (in the caller's oneTBB arena) if it was the last one.
   // Errors: kInvalid for an index out of range or given twice, or a wrong size.
@@ -50,8 +58,11 @@ class SignalStore {
     std::vector<std::size_t> expected;  // frame indices by exposure, then file name
     std::vector<std::size_t> arrived;
     PatternRate merged;
+    std::optional<std::size_t> inverse;  // the slot of it, where both are left as frames
   };
+  void leave_code_frames();
   void merge(Slot& slot);
+  void leave(Slot& slot);
 
   const Manifest& manifest_;
   CameraBlack black_;
