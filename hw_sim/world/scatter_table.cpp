@@ -19,8 +19,8 @@ namespace hw_sim {
 namespace {
 
 constexpr std::uint64_t kVersion = 10;  // of what a file holds
-constexpr std::size_t kStrands = 16;   // of photons, each with its own sums: fixed, so that threads
-                                       // do not change the numbers
+constexpr std::size_t kStrands = 16;  // of photons, each with its own sums: fixed, so that threads
+                                      // do not change the numbers
 
 double ratio_at(std::size_t i, std::size_t count) {
   const double share = static_cast<double>(i) / static_cast<double>(count - 1);
