@@ -139,7 +139,8 @@ tl::expected<CaptureJob, CaptureResult> CaptureJob::prepare(const rig::RigFile& 
 
 estimation::Result<std::unique_ptr<SessionWriter>> CaptureJob::open_session() const {
   if (!resumption_)
-    return SessionWriter::create(options_.directory, manifest_, rig_file_.calibration_file);
+    return SessionWriter::create(options_.directory, manifest_, rig_file_.calibration_file,
+                                 begin_line(rig_file_, plan_, make_own_take()));
   return SessionWriter::go_on(resumption_->session, resumption_->manifest, resumption_->is_good);
 }
 
@@ -251,8 +252,7 @@ void CaptureJob::take_frames(Devices devices, const std::stop_token& stop, const
                              const TakeSinks& sinks, std::vector<estimation::Repeat> repeats,
                              ProgressTeller& teller, CaptureResult& result) const {
   MotionWatch* const watch = sinks.watch;
-  sinks.writer.journal(resumption_ ? resume_line(resumption_->good_count(), take)
-                                   : begin_line(rig_file_, plan_, take));
+  if (resumption_) sinks.writer.journal(resume_line(resumption_->good_count(), take));
   if (watch != nullptr) {
     for (estimation::Repeat& repeat : repeats) watch->know(std::move(repeat));
     if (resumption_)

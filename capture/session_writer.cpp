@@ -106,7 +106,8 @@ Result<void> copy_auxiliary_files(const fs::path& folder, const fs::path& calibr
 
 Result<std::unique_ptr<SessionWriter>> SessionWriter::create(const fs::path& directory,
                                                              Manifest plan,
-                                                             const fs::path& calibration_file) {
+                                                             const fs::path& calibration_file,
+                                                             const std::string& first_line) {
   const auto folder = make_folder(directory, plan.id);
   if (!folder) return tl::unexpected(folder.error());
   plan.id = folder->filename().string();
@@ -114,19 +115,22 @@ Result<std::unique_ptr<SessionWriter>> SessionWriter::create(const fs::path& dir
     std::error_code error;
     if (!fs::create_directory(*folder / "frames", error))
       return unwritable(*folder / "frames", "the folder cannot be made: " + error.message());
+    // The manifest makes the folder a session: by then the journal says how the take was begun.
+    const fs::path path = *folder / "journal.jsonl";
+    Descriptor journal(
+        ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666));
+    if (!journal.is_open()) return unwritable(path, std::strerror(errno));
+    // A file system without locks: then an interrupted take is not told from one under way.
+    std::ignore = ::flock(journal.number(), LOCK_EX | LOCK_NB);
+    if (!write_all(journal.number(), first_line + "\n") || ::fdatasync(journal.number()) != 0)
+      return unwritable(path, std::strerror(errno));
     if (const auto copied = copy_auxiliary_files(*folder, calibration_file, plan); !copied)
       return tl::unexpected(copied.error());
     Manifest empty = plan;
     empty.frames.clear();
     if (const auto written = write_manifest(*folder, empty); !written)
       return tl::unexpected(written.error());
-    const fs::path journal = *folder / "journal.jsonl";
-    const int file =
-        ::open(journal.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666);
-    if (file < 0) return unwritable(journal, std::strerror(errno));
-    // A file system without locks: then an interrupted take is not told from one under way.
-    std::ignore = ::flock(file, LOCK_EX | LOCK_NB);
-    return Files{Descriptor(file), Descriptor(reserve_room(*folder, plan))};
+    return Files{std::move(journal), Descriptor(reserve_room(*folder, plan))};
   };
   auto files = begin();
   if (!files) {

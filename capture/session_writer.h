@@ -1,5 +1,5 @@
-// Writes one session folder while it is captured: manifest first, frames and journal as they come,
-// manifest again at the end.
+// Writes one session folder while it is captured: the journal's first line and the manifest, frames
+// and journal as they come, manifest again at the end.
 #pragma once
 
 #include <filesystem>
@@ -27,11 +27,12 @@ class SessionWriter {
  public:
   // Makes a new folder in `directory`, never an existing one: with a name that is taken, "-2",
   // "-3" ... is appended. `plan` is plan_manifest()'s; the auxiliary files that it names are copied
-  // from beside `calibration_file`.
+  // from beside `calibration_file`. `first_line` opens the journal before the folder has a
+  // manifest: a session says how it was begun, whenever its process dies.
   // Errors: kUnwritable, kNotFound; then the folder is removed again.
   static estimation::Result<std::unique_ptr<SessionWriter>> create(
       const std::filesystem::path& directory, estimation::Manifest plan,
-      const std::filesystem::path& calibration_file);
+      const std::filesystem::path& calibration_file, const std::string& first_line);
   // Goes on with a session that is there: `plan` has a record for every slot, `is_stored` says
   // which of them are on the disk already, with all that their records shall say. The journal goes
   // on where it ended; nothing else is touched before the first write(). Errors: kUnwritable, also

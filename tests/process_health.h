@@ -1,6 +1,8 @@
 // What a process holds on to: for soaks, which ask whether it stays the same.
 #pragma once
 
+#include <malloc.h>
+
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -27,6 +29,12 @@ inline ProcessHealth health_of(const std::string& process) {  // "self", or a nu
   for (const auto& entry : std::filesystem::directory_iterator(folder / "fd", gone))
     if (!entry.path().empty()) ++health.descriptor_count;
   return health;
+}
+
+// What this process holds on to, without what its allocator keeps of what was given back.
+inline ProcessHealth own_health() {
+  ::malloc_trim(0);
+  return health_of("self");
 }
 
 // Health after each of many equal pieces of work.

@@ -99,7 +99,7 @@ int soak(int capture_count, std::uint64_t seed, const fs::path& folder) {
       judge(result, tally);
       fs::remove_all(result.session);
     }
-    health.add(health_of("self"));
+    health.add(own_health());
   }
   std::printf(
       "%d captures with %d planned faults: %d complete, %d failed with their cause, %d frames\n"

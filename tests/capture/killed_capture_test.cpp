@@ -25,6 +25,7 @@
 
 #include "capture/capture_job.h"
 #include "capture/interrupted_takes.h"
+#include "capture/stored_take.h"
 #include "estimation/session/frame_io.h"
 #include "estimation/session/maps.h"
 #include "estimation/session/verify.h"
@@ -113,12 +114,18 @@ class KilledCapture : public testing::Test {
 
   fs::path sessions() const { return sessions_in(root_); }
 
-  // A capture that is killed after `life`; its wait status.
-  int capture_for(milliseconds life) const {
+  pid_t start_capture() const {
     std::string self = "/proc/self/exe", flag = "--capture", root = root_;
     char* const arguments[] = {self.data(), flag.data(), root.data(), nullptr};
     pid_t child = 0;
-    if (::posix_spawn(&child, self.c_str(), nullptr, nullptr, arguments, environ) != 0) return -1;
+    return ::posix_spawn(&child, self.c_str(), nullptr, nullptr, arguments, environ) == 0 ? child
+                                                                                          : -1;
+  }
+
+  // A capture that is killed after `life`; its wait status.
+  int capture_for(milliseconds life) const {
+    const pid_t child = start_capture();
+    if (child < 0) return -1;
     const auto deadline = steady_clock::now() + life;
     int status = 0;
     while (steady_clock::now() < deadline) {
@@ -202,6 +209,30 @@ TEST_F(KilledCapture, LeavesOnlyWholeFilesAndNoEarlierSessionIsTouched) {
               killed_count, kill_count(), with_frames_count, resumed_count);
   EXPECT_GT(resumed_count, 0);
   EXPECT_EQ(killed_count, kill_count()) << "captures were over before they were killed";
+}
+
+// A session's first milliseconds: its folder, its journal, its manifest.
+TEST_F(KilledCapture, ASessionSaysHowItWasBegunFromItsFirstMoment) {
+  ASSERT_EQ(capture_for(std::chrono::minutes(5)), 0);
+  int session_count = 0;
+  for (int take = 0; take < 24; ++take) {
+    SCOPED_TRACE("take " + std::to_string(take));
+    const std::size_t earlier = folders().size();
+    const pid_t child = start_capture();
+    ASSERT_GT(child, 0);
+    while (folders().size() == earlier && ::waitpid(child, nullptr, WNOHANG) == 0) {
+    }
+    std::this_thread::sleep_for(std::chrono::microseconds(150 * take));
+    ::kill(child, SIGKILL);
+    ::waitpid(child, nullptr, 0);
+    for (const fs::path& folder : folders()) {
+      for (const std::string& line : incomplete_files(folder)) ADD_FAILURE() << line;
+      if (!estimation::read_manifest(folder)) continue;
+      ++session_count;
+      EXPECT_TRUE(read_journal(folder).beginning) << folder;
+    }
+  }
+  EXPECT_GT(session_count, 24);  // the first take's counts each time
 }
 
 TEST_F(KilledCapture, ATornFileWouldBeNoticed) {
