@@ -1,6 +1,7 @@
 // Random pixels at and beyond every limit through fit_batch: what is called valid has to be finite
-// and possible, and the same bits on any number of threads.
-//   likelihood_stress_test [--pixels=N]   default SSRIG_STRESS_PIXELS
+// and possible, and the same bits on any number of threads. Ten million of the benchmark's pixels,
+// of any material; fewer from where there is something to be found, looked at more closely.
+//   likelihood_stress_test [--pixels=N]   of the latter, default kLikelyPixels
 #include <gtest/gtest.h>
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/parallel_for.h>
@@ -17,6 +18,7 @@
 
 #include "estimation/session/maps.h"
 #include "likelihood_pixels.h"
+#include "tests/bench/stress_tally.h"
 
 namespace estimation {
 namespace {
@@ -26,7 +28,10 @@ using testing::kWhiteDnPerUs;
 using testing::Normal;
 using testing::Sweep;
 
-std::int64_t pixel_count = SSRIG_STRESS_PIXELS;
+constexpr std::int64_t kLikelyPixels = 200'000;
+constexpr std::uint64_t kAnyPixels = 10'000'000;
+
+std::int64_t pixel_count = kLikelyPixels;
 
 constexpr std::size_t kBatch = 512;
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
@@ -195,6 +200,17 @@ std::vector<Kind> kinds() {
 const HarmonicTable& wide_table() {
   static const HarmonicTable table(Dipole(1.4), {}, {{-4.5, -0.5}, {3.5, 4}}, 48);
   return table;
+}
+
+TEST(LikelihoodStress, TenMillionOfAnyMaterial) {
+  const bench::StressPixels pixels;
+  const std::uint64_t batches =
+      (kAnyPixels + bench::StressPixels::kCount - 1) / bench::StressPixels::kCount;
+  const bench::StressTally tally = bench::stress(pixels, 0, batches);
+  EXPECT_GE(tally.pixels, kAnyPixels);
+  EXPECT_GT(tally.valid, kAnyPixels / 20);
+  EXPECT_EQ(tally.not_finite, 0U);
+  EXPECT_EQ(tally.negative_sigma, 0U);
 }
 
 TEST(LikelihoodStress, NothingImpossibleIsCalledValid) {
