@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <ctime>
 #include <fstream>
 #include <iterator>
 #include <system_error>
@@ -19,25 +18,6 @@ using estimation::InputError;
 using estimation::InputFault;
 using estimation::Manifest;
 using estimation::Result;
-
-std::tm utc(std::chrono::system_clock::time_point time) {
-  const std::time_t seconds = std::chrono::system_clock::to_time_t(time);
-  std::tm parts{};
-  gmtime_r(&seconds, &parts);
-  return parts;
-}
-
-std::string rfc3339(std::chrono::system_clock::time_point time) {
-  const std::tm parts = utc(time);
-  char text[32];
-  return {text, std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &parts)};
-}
-
-std::string file_stamp(std::chrono::system_clock::time_point time) {
-  const std::tm parts = utc(time);
-  char text[32];
-  return {text, std::strftime(text, sizeof text, "%Y%m%d-%H%M%S", &parts)};
-}
 
 struct CalibrationFile {
   estimation::Calibration calibration;
@@ -122,7 +102,7 @@ Result<Manifest> plan_manifest(const rig::RigFile& rig_file, const Plan& plan,
   if (!camera) return tl::unexpected(camera.error());
   Manifest manifest;
   manifest.id = folder_name(info);
-  manifest.created = rfc3339(info.created);
+  manifest.created = estimation::date_text(info.created);
   manifest.subject = info.subject;
   manifest.software = "ssrig";
   manifest.plan = plan.name;
@@ -148,7 +128,7 @@ std::vector<std::string*> auxiliary_files(estimation::Calibration& calibration) 
 }
 
 std::string folder_name(const SessionInfo& info) {
-  std::string name = file_stamp(info.created);
+  std::string name = estimation::date_stamp(info.created);
   std::string subject;
   for (const char c : info.subject) {
     const bool is_plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||

@@ -2,26 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdarg>
 #include <cstdio>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "estimation/calibration/chart.h"
+#include "estimation/calibration/report_page.h"
 
 namespace estimation {
 namespace {
 
 constexpr double kDegree = CV_PI / 180;
-
-[[gnu::format(printf, 2, 3)]] void print(std::string& text, const char* format, ...) {
-  char line[256];
-  std::va_list arguments;
-  va_start(arguments, format);
-  std::vsnprintf(line, sizeof line, format, arguments);
-  va_end(arguments);
-  text += line;
-}
 
 double value_of(const GeometryFit& fit, std::size_t parameter) {
   const auto of_lens = [](const Lens& lens, std::size_t at) {

@@ -1,24 +1,15 @@
 #include "estimation/calibration/radiometry_pictures.h"
 
 #include <cmath>
-#include <cstdarg>
 #include <cstdio>
 #include <functional>
 #include <numbers>
 
 #include "estimation/calibration/chart.h"
+#include "estimation/calibration/report_page.h"
 
 namespace estimation {
 namespace {
-
-[[gnu::format(printf, 2, 3)]] void print(std::string& text, const char* format, ...) {
-  char line[256];
-  std::va_list arguments;
-  va_start(arguments, format);
-  std::vsnprintf(line, sizeof line, format, arguments);
-  va_end(arguments);
-  text += line;
-}
 
 // The one place where OpenCV's exceptions become errors.
 Result<void> save_drawn(const std::filesystem::path& folder, const std::string& file,

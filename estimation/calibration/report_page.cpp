@@ -1,6 +1,8 @@
 #include "estimation/calibration/report_page.h"
 
 #include <algorithm>
+#include <cstdarg>
+#include <cstdio>
 #include <system_error>
 #include <vector>
 
@@ -34,6 +36,15 @@ std::vector<std::string> pictures_in(const fs::path& folder) {
 }
 
 }  // namespace
+
+void print(std::string& text, const char* format, ...) {
+  char line[256];
+  std::va_list arguments;
+  va_start(arguments, format);
+  std::vsnprintf(line, sizeof line, format, arguments);
+  va_end(arguments);
+  text += line;
+}
 
 Result<void> write_report_page(const fs::path& folder, const std::string& title,
                                const std::string& text) {

@@ -1,4 +1,4 @@
-// A calibration's report as one page for a browser.
+// A calibration's report: its text, and one page for a browser.
 #pragma once
 
 #include <filesystem>
@@ -7,6 +7,9 @@
 #include "estimation/session/error.h"
 
 namespace estimation {
+
+// Appends what printf would print, up to 255 characters.
+[[gnu::format(printf, 2, 3)]] void print(std::string& text, const char* format, ...);
 
 // Writes report.html into `folder`: the text, and under it every PNG that is there, by name.
 Result<void> write_report_page(const std::filesystem::path& folder, const std::string& title,
