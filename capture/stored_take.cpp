@@ -21,11 +21,23 @@ namespace {
 using Json = nlohmann::json;
 namespace fs = std::filesystem;
 
+// A whole number that the type holds.
+template <typename Number>
+std::optional<Number> integer(const Json& value) {
+  if (value.is_number_unsigned()) {
+    const auto number = value.get<std::uint64_t>();
+    if (std::in_range<Number>(number)) return static_cast<Number>(number);
+  } else if (value.is_number_integer()) {
+    const auto number = value.get<std::int64_t>();
+    if (std::in_range<Number>(number)) return static_cast<Number>(number);
+  }
+  return std::nullopt;
+}
+
 template <typename Number>
 std::optional<Number> integer(const Json& line, const char* key) {
   const auto found = line.find(key);
-  if (found == line.end() || !found->is_number_integer()) return std::nullopt;
-  return found->get<Number>();
+  return found == line.end() ? std::nullopt : integer<Number>(*found);
 }
 
 std::optional<std::string> text(const Json& line, const char* key) {
@@ -34,26 +46,26 @@ std::optional<std::string> text(const Json& line, const char* key) {
   return found->get<std::string>();
 }
 
-std::vector<std::int64_t> integers(const Json& line, const char* key) {
-  std::vector<std::int64_t> values;
+template <typename Number>
+std::vector<Number> integers(const Json& line, const char* key) {
+  std::vector<Number> values;
   const auto found = line.find(key);
   if (found == line.end() || !found->is_array()) return values;
   for (const Json& value : *found)
-    if (value.is_number_integer()) values.push_back(value.get<std::int64_t>());
+    if (const auto number = integer<Number>(value)) values.push_back(*number);
   return values;
 }
 
 std::optional<TakeBeginning> read_beginning(const Json& line) {
   TakeBeginning beginning;
-  for (const std::int64_t exposure_us : integers(line, "exposures_us"))
+  for (const auto exposure_us : integers<std::int64_t>(line, "exposures_us"))
     beginning.exposures.emplace_back(exposure_us);
-  for (const std::int64_t pattern : integers(line, "order"))
-    beginning.order.push_back(static_cast<int>(pattern));
+  beginning.order = integers<int>(line, "order");
   const auto settings = line.find("settings");
   if (beginning.exposures.empty() || settings == line.end() || !settings->is_object())
     return std::nullopt;
   for (const auto& [key, value] : settings->items())
-    beginning.settings[key] = value.is_string() ? value.get<std::string>() : value.dump();
+    if (value.is_string()) beginning.settings[key] = value.get<std::string>();
   return beginning;
 }
 
@@ -61,7 +73,8 @@ std::optional<JournalledFrame> read_stored_frame(const Json& line) {
   const auto file = text(line, "file");
   const auto pattern = integer<int>(line, "pattern");
   const auto exposure = line.find("exposure_us");
-  if (!file || !pattern || exposure == line.end() || !exposure->is_number()) return std::nullopt;
+  if (!file || !pattern || *pattern < 0 || exposure == line.end() || !exposure->is_number())
+    return std::nullopt;
   JournalledFrame frame;
   frame.record.file = *file;
   frame.record.pattern = *pattern;
@@ -72,6 +85,16 @@ std::optional<JournalledFrame> read_stored_frame(const Json& line) {
   frame.record.sha256 = text(line, "sha256");
   frame.byte_count = integer<std::uintmax_t>(line, "byte_count");
   return frame;
+}
+
+void read_line(const Json& line, Journal& journal) {
+  const auto event = text(line, "event");
+  if (event == "take begun") {
+    journal.beginning = read_beginning(line);
+  } else if (event == "frame stored") {
+    if (auto frame = read_stored_frame(line))
+      journal.frames[frame->record.file] = std::move(*frame);
+  }
 }
 
 std::optional<std::vector<std::byte>> read_bytes(const fs::path& path) {
@@ -105,21 +128,24 @@ std::optional<estimation::FrameRecord> check_slot(const fs::path& session,
 
 }  // namespace
 
-Journal read_journal(const fs::path& session) {
+Journal parse_journal(std::string_view text) {
   Journal journal;
-  std::ifstream file(session / "journal.jsonl");
-  for (std::string text_line; std::getline(file, text_line);) {
-    const Json line = Json::parse(text_line, nullptr, false);
-    if (!line.is_object()) continue;
-    const auto event = text(line, "event");
-    if (event == "take begun") {
-      journal.beginning = read_beginning(line);
-    } else if (event == "frame stored") {
-      if (auto frame = read_stored_frame(line))
-        journal.frames[frame->record.file] = std::move(*frame);
-    }
+  while (!text.empty()) {
+    const std::size_t length = std::min(text.find('\n'), text.size());
+    const Json line = Json::parse(text.substr(0, length), nullptr, false);
+    text.remove_prefix(std::min(length + 1, text.size()));
+    if (line.is_object()) read_line(line, journal);
   }
   return journal;
+}
+
+Journal read_journal(const fs::path& session) {
+  const fs::path path = session / "journal.jsonl";
+  std::error_code unknown;
+  if (!fs::is_regular_file(path, unknown)) return {};  // reading a folder throws
+  std::ifstream file(path, std::ios::binary);
+  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  return parse_journal(text);
 }
 
 bool is_under_way(const fs::path& session) {

@@ -6,6 +6,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "capture/plan.h"
@@ -31,7 +32,10 @@ struct Journal {
   std::map<std::string, JournalledFrame> frames;  // by file
 };
 
-// Lines that are none of ours, or torn, are passed over; a missing journal is an empty one.
+// Lines that are none of ours, torn or beyond what their members hold are passed over.
+Journal parse_journal(std::string_view text);
+
+// A missing journal is an empty one.
 Journal read_journal(const std::filesystem::path& session);
 
 // Somebody's SessionWriter has the session open.

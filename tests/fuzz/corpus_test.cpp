@@ -16,7 +16,8 @@ namespace fs = std::filesystem;
 using Target = int(const std::uint8_t* data, std::size_t size);
 extern "C" {
 Target fuzz_calibration, fuzz_camera_answers, fuzz_daemon_answer, fuzz_effects, fuzz_exr,
-    fuzz_fault_plan, fuzz_frame, fuzz_http_request, fuzz_manifest, fuzz_rig_file, fuzz_usb_records;
+    fuzz_fault_plan, fuzz_frame, fuzz_http_request, fuzz_journal, fuzz_manifest, fuzz_rig_file,
+    fuzz_usb_records;
 }
 
 namespace {
@@ -35,6 +36,7 @@ constexpr NamedTarget kTargets[] = {
     {"fault_plan", fuzz_fault_plan},
     {"frame", fuzz_frame},
     {"http_request", fuzz_http_request},
+    {"journal", fuzz_journal},
     {"manifest", fuzz_manifest},
     {"rig_file", fuzz_rig_file},
     {"usb_records", fuzz_usb_records},
