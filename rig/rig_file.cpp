@@ -175,10 +175,14 @@ class Section {
       const std::string_view word = key.str();
       if (known_.contains(std::string(word))) continue;
       if (std::find(subsections.begin(), subsections.end(), word) != subsections.end()) continue;
+      // As much as tells which key is meant: a line of 8 kB may be one key.
+      const std::string_view start = word.substr(0, 40);
       std::string nearest;
       std::size_t nearest_distance = std::numeric_limits<std::size_t>::max();
       const auto consider = [&](std::string_view candidate) {
-        const std::size_t distance = edit_distance(word, candidate);
+        const std::size_t longer = std::max(start.size(), candidate.size());
+        if (longer - std::min(start.size(), candidate.size()) >= nearest_distance) return;
+        const std::size_t distance = edit_distance(start, candidate);
         if (distance >= nearest_distance) return;
         nearest = candidate;
         nearest_distance = distance;

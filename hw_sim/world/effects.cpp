@@ -108,9 +108,8 @@ std::string take(const toml::node& node, const Key& key) {
   return {};
 }
 
-rig::Result<void> read_value(const std::string& name, const toml::node& node,
-                             const std::filesystem::path& file, Effects& effects) {
-  const Keys keys = keys_of(effects);
+rig::Result<void> read_value(const std::string& name, const toml::node& node, const Keys& keys,
+                             const std::filesystem::path& file) {
   const auto key = keys.find(name);
   if (key == keys.end()) {
     std::string known;
@@ -160,6 +159,7 @@ rig::Result<Effects> parse_effects(std::string_view toml, const std::filesystem:
   const rig::Result<toml::table> document = rig::parse_toml(toml, file);
   if (!document) return tl::unexpected(document.error());
   Effects effects;
+  const Keys keys = keys_of(effects);
   for (const auto& [section, node] : *document) {
     const toml::table* table = node.as_table();
     if (table == nullptr)
@@ -168,7 +168,7 @@ rig::Result<Effects> parse_effects(std::string_view toml, const std::filesystem:
                               " is outside of [projector], [camera], [room] and [subject]");
     for (const auto& [key, value] : *table)
       if (auto read = read_value(std::string(section.str()) + "." + std::string(key.str()), value,
-                                 file, effects);
+                                 keys, file);
           !read)
         return tl::unexpected(read.error());
   }
