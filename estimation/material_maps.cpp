@@ -12,6 +12,7 @@
 
 #include "estimation/capture_order.h"
 #include "estimation/lit_geometry.h"
+#include "estimation/profile/chance_fits.h"
 #include "estimation/profile/coefficient_curve.h"
 #include "estimation/profile/indirect_choice.h"
 #include "estimation/profile/likelihood_maps.h"
@@ -28,6 +29,8 @@ namespace {
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 // Noise alone gives 1; calibrations of a real rig leave some. The dipole on Monte Carlo truth: 8.
 constexpr double kSuspectChiSquare = 2;
+// Of the fits: then it is the capture, not single pixels, that tells too little.
+constexpr double kManyUntold = 0.5;
 
 std::string fixed(double value, int digits) {
   std::ostringstream text;
@@ -37,6 +40,17 @@ std::string fixed(double value, int digits) {
 
 std::string band_name(int band, int bands) {
   return bands == 1 ? "Y" : std::string(1, "RGB"[band]);
+}
+
+// Share of the sites with light enough for a fit whose unknowns it did not tell apart.
+double untold_frac_of(const SiteFits& fits) {
+  std::size_t told = 0, untold = 0;
+  for (std::size_t i = 0; i < fits.sites.size(); ++i) {
+    const std::uint32_t errors = fits.fit.validity[i] & kValidityErrors;
+    if (errors == 0) ++told;
+    if ((errors & kNotIdentifiable) != 0) ++untold;
+  }
+  return untold == 0 ? 0 : static_cast<double>(untold) / static_cast<double>(told + untold);
 }
 
 class MaterialEstimate {
@@ -57,6 +71,7 @@ class MaterialEstimate {
   void fit_by_likelihood(const StripeScene& scene);
   SweepCorrection sweep_correction(const StripeScene& scene, std::span<const BandLikelihood> bands);
   void note_choices(std::size_t valid_count, std::size_t fixed_count);
+  void note_untold(StripeShape shape, const std::vector<double>& untold_frac);
   void note_misfit(const std::vector<MisfitSummary>& bands_misfit);
   void store_band(int band, BandFit fit);
   Image<float> own_phases() const;
@@ -166,10 +181,13 @@ void MaterialEstimate::fit_by_likelihood(const StripeScene& scene) {
   if (blur_px2_ != 0 || !correction.offset_px.empty()) likelihood = likelihoods(correction);
   std::size_t valid_count = 0, fixed_count = 0;
   std::vector<MisfitSummary> misfits;
+  std::vector<double> untold_frac;
   for (const BandLikelihood& fitter : likelihood) {
     const int band = fitter.radiometry().band;
     SiteFits fits = fitter.fit(valid_sites(camera(), band, geometry().validity), correction);
     add_common_noise(scene, fitter.radiometry(), fits);
+    refuse_chance_fits(camera(), fits);
+    untold_frac.push_back(untold_frac_of(fits));
     if (options.indirect == "auto") fixed_count += fix_indirect_where_earned(camera(), fits);
     BandFit maps =
         maps_of(scene, fitter.radiometry(), fits, {.is_noise_measured = in_.is_noise_measured});
@@ -177,6 +195,7 @@ void MaterialEstimate::fit_by_likelihood(const StripeScene& scene) {
     valid_count += misfits.back().valid_count;
     store_band(band, std::move(maps));
   }
+  note_untold(scene.stripes.shape, untold_frac);
   note_choices(valid_count, fixed_count);
   note_misfit(misfits);
   if (!geometry().directions.empty() && directionality_of(in_.model).has_shift) {
@@ -234,6 +253,23 @@ void MaterialEstimate::note_choices(std::size_t valid_count, std::size_t fixed_c
     result_.notes.push_back(
         "the session has no camera.gain_e_per_dn and read_noise_e: noise was estimated from the "
         "data, and the uncertainties with it");
+}
+
+void MaterialEstimate::note_untold(StripeShape shape, const std::vector<double>& untold_frac) {
+  std::string where;
+  for (std::size_t band = 0; band < untold_frac.size(); ++band)
+    if (untold_frac[band] > kManyUntold)
+      where.append(" ")
+          .append(fixed(100 * untold_frac[band], 0))
+          .append("% of the fits in ")
+          .append(band_name(static_cast<int>(band), bands()))
+          .append(",");
+  if (where.empty()) return;
+  result_.notes.push_back("stripes of period " + std::to_string(shape.period_px) +
+                          " px do not tell reflectance, translucency and indirect light apart in" +
+                          where +
+                          " which hold nothing (validity 128): the period is too short or too long "
+                          "for this material, or shifts or light are too few");
 }
 
 void MaterialEstimate::note_misfit(const std::vector<MisfitSummary>& bands_misfit) {

@@ -172,6 +172,17 @@ class HeldBack(unittest.TestCase):
                        patterns=stripes("column", 24, 6, range(24)) +
                        gray("column", bits_for(854)) + fringes("column", 20.5, 4), **MONO)
 
+    def test_stripes_too_fine_for_the_material_tell_nothing_and_say_so(self):
+        """A fifth of the pixels would look determined by chance, at a fifth of l_d."""
+        self.make(media=[(0.0525, 1.2814)], pitch_mm=0.3027, indirect=0.05,
+                  patterns=stripes("column", 7, 3, range(7)) + gray("column", 10), **MONO)
+        notes = self.estimate()
+        self.assertIn("stripes of period 7 px do not tell", notes)
+        maps = self.maps()
+        self.assertEqual(set(maps["validity"]["Y"]) - {8}, {128})
+        self.assertFalse([v for v in maps["translucency"]["Y"] if math.isfinite(v)])
+        self.check_depth(maps, 0.1)
+
     def test_wide_stripes_along_rows_with_sparse_negative_shifts(self):
         self.recovered(0.03, median_mm=0.2, patterns=stripes("row", 64, 16, range(-20, 44, 2)) +
                        gray("column", 10) + gray("row", 10), **MONO)
