@@ -192,7 +192,8 @@ class ScreenGrabber::Eye {
   Photodiode photodiode_;
   int wake_;
 
-  std::atomic<bool> is_server_gone_ = false;  // set by Xlib
+  std::atomic<bool> is_server_gone_ = false;  // set by Xlib, in whichever call notices
+  bool is_end_told_ = false;                  // the dark that follows was grabbed
   XConnection display_;
   int damage_event_ = 0, randr_event_ = 0;
   Damage damage_ = None;
@@ -333,6 +334,7 @@ void ScreenGrabber::Eye::report_levels() {
 
 void ScreenGrabber::Eye::wait_for_news(const std::stop_token& stop) {
   if (stop.stop_requested() || (!is_server_gone_ && XPending(display_.get()) > 0)) return;
+  if (is_server_gone_ && !is_end_told_) return;  // noticed since the last look, even just above
   rig::HostTime due = next_gamma_check_;
   if (is_server_gone_) due = rig::HostTime::max();
   if (!levels_.empty()) due = std::min(due, levels_.front().time);
@@ -349,12 +351,12 @@ void ScreenGrabber::Eye::wait_for_news(const std::stop_token& stop) {
 
 void ScreenGrabber::Eye::run(const std::stop_token& stop) {
   while (!stop.stop_requested()) {
-    const bool was_server_gone = is_server_gone_;
     read_events();
     if (is_moved_ && !is_server_gone_) locate_output();
     if (!is_server_gone_ && rig::HostClock::now() >= next_gamma_check_ && read_gamma())
       is_damaged_ = true;
-    if (is_damaged_ || is_server_gone_ != was_server_gone) grab();
+    if (is_server_gone_ && !std::exchange(is_end_told_, true)) is_damaged_ = true;
+    if (is_damaged_) grab();
     report_levels();
     wait_for_news(stop);
   }
