@@ -24,16 +24,18 @@ namespace {
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
   std::iota(row.begin(), row.end(), std::size_t{0});
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = row[0];
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t replaced = diagonal + (a[i - 1] == b[j - 1] ? 0 : 1);
-      diagonal = row[j];
-      row[j] = std::min({row[j] + 1, row[j - 1] + 1, replaced});
+  for (const char from : a) {
+    std::size_t* cell = row.data();
+    std::size_t diagonal = *cell;
+    std::size_t left = ++*cell;
+    for (const char to : b) {
+      const std::size_t replaced = diagonal + (from == to ? 0 : 1);
+      diagonal = *++cell;
+      left = std::min(std::min(diagonal, left) + 1, replaced);
+      *cell = left;
     }
   }
-  return row[b.size()];
+  return row.back();
 }
 
 // Collects everything wrong with the file, each with its line.
