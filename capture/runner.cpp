@@ -69,6 +69,13 @@ class Runner {
     frames_.emplace(facts.ticket, std::move(arrived.frame));
     return FrameSeen{facts};
   }
+  SequenceEvent translate(rig::DeviceOpened opened) {
+    const auto answer =
+        devices_.reopener == nullptr ? std::nullopt : devices_.reopener->finish(opened.device);
+    if (!answer) return TimePassed{};  // an earlier capture's, and taken already
+    if (*answer) return Reopened{opened.device};
+    return ReopenRefused{opened.device, answer->error()};
+  }
 
   void feed(SequenceEvent event) {
     pending_.push_back(std::move(event));
@@ -106,17 +113,7 @@ class Runner {
     devices_.camera.disarm();
     frames_.clear();
   }
-  void act(const Reopen& reopen) {
-    devices_.reopener->close(reopen.device);
-    // What the old device had still to say comes before the answer.
-    const rig::HostTime now = devices_.events.now();
-    while (auto event = devices_.events.wait(now, {}))
-      std::visit([this](auto& e) { pending_.push_back(translate(std::move(e))); }, *event);
-    if (const auto opened = devices_.reopener->open(reopen.device); !opened)
-      pending_.push_back(ReopenRefused{reopen.device, opened.error()});
-    else
-      pending_.push_back(Reopened{reopen.device});
-  }
+  void act(const Reopen& reopen) { devices_.reopener->reopen(reopen.device); }
   void act(const KeepFrame& keep) {
     const auto found = frames_.find(keep.ticket);
     const auto bracket = static_cast<std::size_t>(keep.slot.bracket);

@@ -181,9 +181,13 @@ class Turn {
     step_.reacted.push_back({finding, Reaction::kReopen});
     ++state().reopen_count;
     discard_unconfirmed();
+    // It may take long, and nobody should look into a pattern meanwhile. A projector that is lost
+    // is black by itself.
+    state().is_square_light = false;
+    if (device != rig::Device::kProjector) ask_for(rig::kBlackPicture);
+    state().phase = Reopening{{device}, true, now_, now_ + rules_.reopen_deadline, finding.detail};
+    step_.actions.push_back(Reopen{device});  // first, for a dead device takes seconds to disarm
     step_.actions.push_back(Disarm{});
-    state().phase = Reopening{{device}, true, now_, now_ + rules_.reopen_deadline};
-    step_.actions.push_back(Reopen{device});
   }
 
   void take(const Reopened& reopened) {
@@ -203,13 +207,17 @@ class Turn {
     if (reopening == nullptr) return;
     reopening->is_trying = false;
     reopening->next_try = now_ + kReopenPeriod;
-    if (now_ < reopening->give_up) return;
+    reopening->cause = refused.error.detail;
+  }
+
+  void give_up(const Reopening& reopening) {
+    const rig::Device device = reopening.lost.front();
     const Finding finding{Incident::kDeviceLost, ledger().showing_pattern(), kNoBracket,
-                          refused.error.detail};
+                          reopening.cause};
     step_.reacted.push_back({finding, Reaction::kFail});
-    fail(finding, refused.device,
-         std::string(to_string(refused.device)) + ": lost, and not back within " +
-             std::to_string(rules_.reopen_deadline.count() / 1000) + " s: " + refused.error.detail);
+    fail(finding, device,
+         std::string(to_string(device)) + ": lost, and not back within " +
+             std::to_string(rules_.reopen_deadline.count() / 1000) + " s: " + finding.detail);
   }
 
   void judge_frames() {
@@ -271,13 +279,17 @@ class Turn {
                    [](const auto&) { return std::optional<Finding>(); }},
         state().phase);
     if (overdue) react({*overdue});
-    if (auto* reopening = std::get_if<Reopening>(&state().phase);
-        reopening != nullptr && !reopening->is_trying && now_ >= reopening->next_try) {
-      reopening->is_trying = true;
-      step_.actions.push_back(Reopen{reopening->lost.front()});
-    }
+    if (std::holds_alternative<Reopening>(state().phase)) look_at_reopening();
     if (const auto* blackening = std::get_if<Blackening>(&state().phase))
       if (now_ >= blackening->deadline) state().phase = Ended{};
+  }
+
+  void look_at_reopening() {
+    auto& reopening = std::get<Reopening>(state().phase);
+    if (now_ >= reopening.give_up) return give_up(reopening);
+    if (reopening.is_trying || now_ < reopening.next_try) return;
+    reopening.is_trying = true;
+    step_.actions.push_back(Reopen{reopening.lost.front()});
   }
 
   std::optional<Finding> overdue_by(rig::HostTime deadline, Incident incident, std::string detail) {
@@ -543,8 +555,9 @@ std::optional<rig::HostTime> Sequence::deadline(const SequenceState& state) {
                  [](const Delaying& delaying) { return std::optional(delaying.fire_at); },
                  [](const Pacing& pacing) { return std::optional(pacing.next_show); },
                  [](const Reopening& reopening) {
-                   return std::optional(reopening.is_trying ? reopening.give_up
-                                                            : reopening.next_try);
+                   return std::optional(reopening.is_trying
+                                            ? reopening.give_up
+                                            : std::min(reopening.next_try, reopening.give_up));
                  },
                  [](const auto& waiting) { return std::optional(waiting.deadline); }},
       state.phase);

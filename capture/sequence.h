@@ -24,12 +24,13 @@
 // is shown when the last pulse of this one has ended, and its frames are checked meanwhile; but
 // frames of no more than two showings are ever on their way, so a slow link slows the pace.
 // A lost device ends the run, not the capture: Reopening, drawn nowhere because every state of a
-// run leads there, has it opened anew every half second, and goes on with Darkening, or fails when
-// the device's time is up. A frame is handed on when a later picture has been shown: a projector
-// answers a show() only while its monitor is as it was opened (rig/projector.h), so the light of
-// the frame was ours. Confirming is that for the last pattern: black under the same square.
-// Deadlines: every waiting state has one in it or, for edges, pulses and frames, in the ledger;
-// deadline() is the earliest, and TimePassed makes next() look at them.
+// run leads there, shows black and has it opened anew every half second, and goes on with
+// Darkening, or fails when the device's time is up, in the midst of an opening too. A frame is
+// handed on when a later picture has been shown: a projector answers a show() only while its
+// monitor is as it was opened (rig/projector.h), so the light of the frame was ours. Confirming is
+// that for the last pattern: black under the same square. Deadlines: every waiting state has one in
+// it or, for edges, pulses and frames, in the ledger; deadline() is the earliest, and TimePassed
+// makes next() look at them.
 //
 // Pace paced: the next picture is asked for a fixed number of refreshes after this one's swap,
 // enough for its exposures; edges, pulses and frames are checked behind. The priming waits as ever.
@@ -142,6 +143,7 @@ struct Reopening {
   bool is_trying = true;          // else waiting for the next try
   rig::HostTime next_try;
   rig::HostTime give_up;
+  std::string cause;  // why it is lost, or was not opened the last time
 };
 struct Blackening {
   std::uint64_t show_id = 0;

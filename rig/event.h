@@ -63,8 +63,13 @@ struct DeviceFault {
   Error error;
 };
 
+// Opening a device anew has come to an end, good or bad: Reopener::finish() knows which.
+struct DeviceOpened {
+  Device device = Device::kCamera;
+};
+
 using Event = std::variant<PictureShown, EdgeSeen, PulseEnded, EdgeIgnored, FrameArrived,
-                           FrameDamaged, DeviceFault>;
+                           FrameDamaged, DeviceFault, DeviceOpened>;
 
 // Where devices put events. Thread-safe; never blocks.
 class EventSink {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -17,10 +18,14 @@ namespace rig {
 class Reopener {
  public:
   virtual ~Reopener() = default;
-  // Lets go of the device; of a dead camera that takes seconds. Nothing is posted by it afterwards.
-  virtual void close(Device device) = 0;
-  // As at the start, every setting verified. Errors: those of the device's own open().
-  virtual Result<void> open(Device device) = 0;
+  // Lets go of the device and opens it as at the start, every setting verified. Returns at once,
+  // for either takes seconds of a dead device, which is closed meanwhile. DeviceOpened follows
+  // when that is over, behind all that the old device had to say. If it is under way already, there
+  // is one DeviceOpened for both.
+  virtual void reopen(Device device) = 0;
+  // What reopen() came to: the new device is in its place, or why not, as the device's own open()
+  // says. nullopt: it is under way, or was asked before.
+  virtual std::optional<Result<void>> finish(Device device) = 0;
 };
 
 // A camera that can be closed and opened; in between it is lost.
@@ -32,6 +37,7 @@ class ReplaceableCamera final : public Camera {
     camera_ = std::move(camera);
     if (camera_) identity_ = camera_->identity();
   }
+  std::unique_ptr<Camera> take() { return std::move(camera_); }  // closed from now on
   const CameraIdentity& identity() const override { return identity_; }
   Result<void> arm(const std::vector<std::chrono::microseconds>& bracket_exposures,
                    int frame_count) override {
@@ -68,6 +74,7 @@ class ReplaceableTrigger final : public Trigger {
     trigger_ = std::move(trigger);
     if (trigger_) identity_ = trigger_->identity();
   }
+  std::unique_ptr<Trigger> take() { return std::move(trigger_); }  // closed from now on
   const TriggerIdentity& identity() const override { return identity_; }
   Result<void> arm(const std::vector<std::chrono::microseconds>& pulse_widths,
                    std::uint32_t run_id) override {

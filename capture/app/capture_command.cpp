@@ -141,14 +141,15 @@ CaptureResult ask_daemon(DaemonClient& daemon, const CaptureArguments& arguments
           .notes = outcome->notes};
 }
 
-CaptureResult capture_once(CaptureArguments arguments) {
-  const Interrupts interrupts;
+// `rig` is to be let go when everything has been told.
+CaptureResult capture_once(CaptureArguments arguments, const std::stop_token& stop,
+                           std::unique_ptr<OpenRig>& rig) {
   arguments.options.resume = arguments.resume;
   const auto rig_file = rig::read_rig_file(arguments.rig_file);
   if (!rig_file) return refusal(ExitCode::kUsage, rig_file.error().detail);
   const std::string rig_path = std::filesystem::weakly_canonical(rig_file->path).string();
   if (const auto daemon = DaemonClient::find(rig_file->daemon.port, rig_path))
-    return ask_daemon(*daemon, arguments, interrupts.stop());
+    return ask_daemon(*daemon, arguments, stop);
   arguments.options.directory = rig_file->storage.directory;
   if (!arguments.directory.empty()) arguments.options.directory = arguments.directory;
   arguments.options.created = std::chrono::system_clock::now();
@@ -159,8 +160,10 @@ CaptureResult capture_once(CaptureArguments arguments) {
   const auto job = CaptureJob::prepare(*rig_file, arguments.options);
   if (!job) return job.error();
   std::vector<std::string> problems;
-  const auto rig = OpenRig::open(*rig_file, problems);
-  if (!rig) {
+  rig = std::make_unique<OpenRig>(*rig_file);
+  const bool is_open = rig->open(stop, problems);
+  if (stop.stop_requested()) return refusal(ExitCode::kAborted, "aborted before the first pattern");
+  if (!is_open) {
     std::string text;
     for (const std::string& problem : problems) text += (text.empty() ? "" : "\nssrig: ") + problem;
     return refusal(ExitCode::kDevice, text);
@@ -168,9 +171,7 @@ CaptureResult capture_once(CaptureArguments arguments) {
   std::fprintf(stderr, "%s\n", rig->projector().report().text.c_str());
   for (const std::string& warning : host_warnings(*rig_file))
     std::fprintf(stderr, "note: %s\n", warning.c_str());
-  if (interrupts.stop().stop_requested())
-    return refusal(ExitCode::kAborted, "aborted before the first pattern");
-  return drive(*rig, *job, interrupts.stop());
+  return drive(*rig, *job, stop);
 }
 
 }  // namespace
@@ -194,9 +195,11 @@ void add_capture_command(CLI::App& program, const Select& select) {
   add_estimator_options(*command, arguments->options.estimator);
   command->callback([arguments, select] {
     select([arguments] {
-      const CaptureResult result = capture_once(*arguments);
+      const Interrupts interrupts;
+      std::unique_ptr<OpenRig> rig;
+      const CaptureResult result = capture_once(*arguments, interrupts.stop(), rig);
       print(result, arguments->is_json);
-      return result.exit_code;
+      return leave(std::move(rig), result.exit_code);
     });
   });
 }

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <memory>
 #include <optional>
 #include <system_error>
 #include <thread>
@@ -46,10 +47,11 @@ ExitCode LiveRig::run(rig::RigFile rig_file, const std::function<ExitCode(LiveRi
   if (!fs::exists(rig_file.calibration_file, unknown))
     if (const auto nominal = nominal_calibration(rig_file)) rig_file.calibration_file = *nominal;
   std::vector<std::string> problems;
-  const auto rig = OpenRig::open(rig_file, problems);
-  if (!rig) {
+  auto rig = std::make_unique<OpenRig>(rig_file);
+  if (!rig->open(interrupts.stop(), problems)) {
     for (const std::string& problem : problems) complain(problem);
-    return ExitCode::kDevice;
+    const bool is_aborted = interrupts.stop().stop_requested();
+    return leave(std::move(rig), is_aborted ? ExitCode::kAborted : ExitCode::kDevice);
   }
   ExitCode exit_code = ExitCode::kFailed;
   std::stop_source is_over;
@@ -62,7 +64,8 @@ ExitCode LiveRig::run(rig::RigFile rig_file, const std::function<ExitCode(LiveRi
     if (const auto served = rig->projector().run(is_over.get_token()); !served)
       complain("projector: " + served.error().detail);
   }
-  return exit_code;
+  // Only where the work was done is there more to come.
+  return exit_code == ExitCode::kDone ? exit_code : leave(std::move(rig), exit_code);
 }
 
 Answer LiveRig::ask() const {

@@ -19,7 +19,8 @@ class LiveRig {
  public:
   // Opens the devices, runs `work` on a thread of its own while the calling (main) thread serves
   // the projector's window, and returns its exit code, or says which device failed. Without a
-  // calibration file sessions carry nominal lenses.
+  // calibration file sessions carry nominal lenses. Unless all went well it may be the end of the
+  // process (leave() in open_rig.h).
   static ExitCode run(rig::RigFile rig_file, const std::function<ExitCode(LiveRig&)>& work);
 
   const rig::RigFile& rig_file() const { return rig_file_; }

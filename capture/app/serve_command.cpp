@@ -56,6 +56,8 @@ CaptureOutcome outcome_of(const CaptureRequest& request, const CaptureResult& re
 //
 //   run() ─► open ─► serve ──device lost──► close ─► open (every 2 s, the page says what is
 //   missing) ─► serve ...
+//
+// A stop is heard in each of them; run() then returns, or ends the process (leave()).
 class Daemon {
  public:
   Daemon(rig::RigFile rig_file, estimation::EstimatorOptions estimator)
@@ -74,22 +76,22 @@ class Daemon {
       return ExitCode::kUsage;
     }
     std::vector<std::string> problems;
-    std::unique_ptr<OpenRig> rig = OpenRig::open(rig_file_, problems);
-    if (!rig) {
+    auto rig = std::make_unique<OpenRig>(rig_file_);
+    if (!rig->open(stop, problems)) {
       for (const std::string& problem : problems) complain(problem);
-      return ExitCode::kDevice;
+      return leave(std::move(rig), stop.stop_requested() ? ExitCode::kDone : ExitCode::kDevice);
     }
     std::fprintf(stderr, "ssrig: open http://127.0.0.1:%d\n", (*server)->port());
     for (const InterruptedTake& take : list_interrupted_takes(rig_file_.storage.directory))
       std::fprintf(stderr, "note: %s; finish it with: %s\n", take.text().c_str(),
                    take.remedy(rig_file_.path).c_str());
-    while (rig) {
-      const bool is_display_there = serve(*rig, stop);
-      rig.reset();  // the devices are let go before they are opened again
-      if (!is_display_there) return ExitCode::kDevice;  // a new process can have the next server
-      if (!stop.stop_requested()) rig = open_again(stop);
+    bool is_display_there = true;
+    while (!stop.stop_requested() && is_display_there) {
+      is_display_there = serve(*rig, stop);
+      if (is_display_there) open_again(rig, stop);
     }
-    return ExitCode::kDone;
+    // A new process can have the next X server.
+    return leave(std::move(rig), is_display_there ? ExitCode::kDone : ExitCode::kDevice);
   }
 
  private:
@@ -200,16 +202,17 @@ class Daemon {
     });
   }
 
-  // nullptr on stop.
-  std::unique_ptr<OpenRig> open_again(const std::stop_token& stop) {
-    while (!stop.stop_requested()) {
+  // Until it is open, or until `stop`.
+  void open_again(std::unique_ptr<OpenRig>& rig, const std::stop_token& stop) {
+    // The devices are let go before they are opened again.
+    while (rig->close(rig::HostTime::max(), stop) && !stop.stop_requested()) {
+      rig = std::make_unique<OpenRig>(rig_file_);
       std::vector<std::string> problems;
-      if (auto rig = OpenRig::open(rig_file_, problems)) return rig;
+      if (rig->open(stop, problems) || stop.stop_requested()) return;
       report_fault(joined(problems));
       // Nothing can be requested in this phase, so this is a wait for the stop.
       (void)desk_.next_capture(steady_clock::now() + kReopenInterval, stop);
     }
-    return nullptr;
   }
 
   void report_fault(const std::string& text) {

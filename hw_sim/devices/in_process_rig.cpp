@@ -115,9 +115,21 @@ void InProcessRig::take_device_faults() {
   }
 }
 
-void InProcessRig::close(rig::Device device) {
+void InProcessRig::reopen(rig::Device device) {
   if (device == rig::Device::kCamera) camera_.disarm();
   if (device == rig::Device::kTrigger) trigger_.disarm();
+  if (!openings_.insert(device).second) return;
+  timeline_.schedule(timeline_.now() + options_.opening_time, [this, device] {
+    openings_.erase(device);
+    opened_.insert_or_assign(device, open(device));
+    timeline_.post(rig::DeviceOpened{device});
+  });
+}
+
+std::optional<rig::Result<void>> InProcessRig::finish(rig::Device device) {
+  const auto opened = opened_.extract(device);
+  if (opened.empty()) return std::nullopt;
+  return opened.mapped();
 }
 
 rig::Result<void> InProcessRig::open(rig::Device device) {

@@ -6,6 +6,11 @@
 //   software      trigger_software() ─► camera
 #pragma once
 
+#include <chrono>
+#include <map>
+#include <optional>
+#include <set>
+
 #include "hw_sim/comparator.h"
 #include "hw_sim/devices/sim_camera.h"
 #include "hw_sim/devices/sim_photodiode.h"
@@ -33,6 +38,7 @@ struct InProcessOptions {
   CameraTiming camera_timing;
   FaultPlan faults;
   rig::SyncMode sync = rig::SyncMode::kTriggerBox;
+  std::chrono::milliseconds opening_time{0};  // how long a device takes to be opened, or not
 };
 
 // Not thread-safe. `world` outlives the rig; frames taken from it may outlive both.
@@ -46,12 +52,13 @@ class InProcessRig final : public rig::Reopener {
   SimProjector& projector() { return projector_; }
   rig::Trigger& trigger();
   SimCamera& camera() { return camera_; }
-  void close(rig::Device device) override;
-  rig::Result<void> open(rig::Device device) override;
+  void reopen(rig::Device device) override;
+  std::optional<rig::Result<void>> finish(rig::Device device) override;
   // What the projector shows at this moment; nullptr before its first picture.
   std::shared_ptr<const Picture> picture_now() const;
 
  private:
+  rig::Result<void> open(rig::Device device);
   void light(const std::shared_ptr<const Picture>& picture, bool is_square_light,
              const FlipFaults& faults);
   void level(int level_adc);
@@ -72,6 +79,8 @@ class InProcessRig final : public rig::Reopener {
   Comparator comparator_;
   SimPhotodiode photodiode_;
   SimProjector projector_;
+  std::set<rig::Device> openings_;                   // under way
+  std::map<rig::Device, rig::Result<void>> opened_;  // what became of them, until asked for
 };
 
 }  // namespace hw_sim

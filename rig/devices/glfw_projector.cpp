@@ -307,7 +307,8 @@ std::string describe(const DisplayReport& report) {
 // The fullscreen window and the monitor below it.
 class GlfwProjector::Window {
  public:
-  static Result<std::unique_ptr<Window>> open(const ProjectorSettings& settings);
+  static Result<std::unique_ptr<Window>> open(const ProjectorSettings& settings,
+                                              const std::stop_token& stop);
   ~Window();
   Window(const Window&) = delete;
   Window& operator=(const Window&) = delete;
@@ -337,7 +338,7 @@ class GlfwProjector::Window {
   Result<void> create();
   Result<void> prepare_drawing();
   bool make_gamma_identity(GLFWmonitor* monitor);
-  void measure_swaps();
+  void measure_swaps(const std::stop_token& stop);
   HostTime swap();
   HostTime scan_out_time(HostTime before, HostTime after) const;
 
@@ -355,7 +356,7 @@ class GlfwProjector::Window {
 };
 
 Result<std::unique_ptr<GlfwProjector::Window>> GlfwProjector::Window::open(
-    const ProjectorSettings& settings) {
+    const ProjectorSettings& settings, const std::stop_token& stop) {
   // Whoever lost his server could not end GLFW, and it cannot be used again.
   if (glfwGetX11Display() != nullptr) return failure(Fault::kDeviceLost, kServerGone);
   XSetErrorHandler(log_x_error);
@@ -370,7 +371,7 @@ Result<std::unique_ptr<GlfwProjector::Window>> GlfwProjector::Window::open(
   if (const Result<void> prepared = window->prepare_drawing(); !prepared)
     return tl::unexpected(prepared.error());
   window->report_.is_gamma_identity = window->make_gamma_identity(find_monitor(settings.monitor));
-  window->measure_swaps();
+  window->measure_swaps(stop);
   if (window->is_server_gone()) return failure(Fault::kDeviceLost, kServerGone);
   return window;
 }
@@ -462,11 +463,12 @@ void GlfwProjector::Window::restore_gamma() {
   if (monitor != nullptr && original_gamma_) write_gamma(monitor, *original_gamma_);
 }
 
-void GlfwProjector::Window::measure_swaps() {
+void GlfwProjector::Window::measure_swaps(const std::stop_token& stop) {
   const int count = std::max(settings_.timing_check_intervals, 50);
   std::vector<double> intervals_ms;
   HostTime last = show_black();
   for (int i = 0; i < kWarmUpSwaps + count; ++i) {
+    if (stop.stop_requested()) return;
     book_->draw_black();
     glfwSwapBuffers(window_);
     glFinish();
@@ -647,8 +649,9 @@ class GlfwProjector::Requests {
 };
 
 Result<std::unique_ptr<GlfwProjector>> GlfwProjector::open(const ProjectorSettings& settings,
-                                                           EventSink& sink) {
-  Result<std::unique_ptr<Window>> window = Window::open(settings);
+                                                           EventSink& sink,
+                                                           const std::stop_token& stop) {
+  Result<std::unique_ptr<Window>> window = Window::open(settings, stop);
   if (!window) return tl::unexpected(window.error());
   return std::unique_ptr<GlfwProjector>(new GlfwProjector(std::move(*window), sink));
 }

@@ -24,10 +24,12 @@ class GlfwProjector final : public Projector {
  public:
   // A black window on the monitor of that name, in the mode it is in; the gamma ramp made identity;
   // the swap intervals measured, which takes about a second. An unsynchronised display is in the
-  // report, not an error. Errors: kNotFound (no X server; no such monitor), kConfiguration (other
-  // size), kUnsupported (no OpenGL 3.3).
+  // report, not an error. `stop` ends the measuring; then the report says nothing of it. Errors:
+  // kNotFound (no X server; no such monitor), kConfiguration (other size), kUnsupported (no OpenGL
+  // 3.3).
   static Result<std::unique_ptr<GlfwProjector>> open(const ProjectorSettings& settings,
-                                                     EventSink& sink);
+                                                     EventSink& sink,
+                                                     const std::stop_token& stop = {});
   ~GlfwProjector() override;
 
   // Draws what is asked until `stop`; then shows black, restores the gamma ramp and refuses

@@ -85,12 +85,13 @@ struct LedgerCapture {
   explicit LedgerCapture(const hw_sim::FaultPlan& faults = {},
                          const rig::RigFile& rig_file_in = ledger_rig_file(),
                          const hw_sim::CameraTiming& camera_timing = {},
-                         const hw_sim::DisplayTiming& display_timing = {})
+                         const hw_sim::DisplayTiming& display_timing = {},
+                         std::chrono::milliseconds opening_time = {})
       : rig_file(rig_file_in),
         plan(ledger_plan(rig_file)),
         lag_refreshes(display_timing.input_lag_refreshes),
         rig(world, {rig_file.projector, rig_file.trigger, rig_file.camera, display_timing,
-                    camera_timing, faults, rig_file.sequence.sync}) {
+                    camera_timing, faults, rig_file.sequence.sync, opening_time}) {
     const int left_px = rig_file.projector.width_px - rig_file.projector.sync_square.size_px;
     const int top_px = rig_file.projector.height_px - rig_file.projector.sync_square.size_px;
     for (auto& picture : render_pictures(plan, rig_file.projector)) {

@@ -233,6 +233,60 @@ TEST(LedgerWorldCapture, AbortIsHeardWhileALostDeviceIsWaitedFor) {
   EXPECT_LE(refusal_count, 4);
 }
 
+// Aravis takes 2.5 s to say that no camera answers.
+TEST(LedgerWorldCapture, AbortIsHeardInTheMidstOfAnOpening) {
+  hw_sim::PlannedFault off = fault_at(FaultKind::kCameraRebooted, 20);
+  off.duration = milliseconds(0);
+  LedgerCapture capture({.faults = {off}}, ledger_rig_file(), {}, {}, milliseconds(2500));
+  std::stop_source stop;
+  rig::HostTime asked;
+  const RunResult result = capture.run(stop.get_token(), [&](const Transition& transition) {
+    if (transition.from != "reopening" || stop.stop_requested()) return;
+    asked = transition.time;  // black was shown, the opening is under way
+    stop.request_stop();
+  });
+  EXPECT_EQ(result.outcome, Outcome::kAborted);
+  ASSERT_TRUE(stop.stop_requested());
+  EXPECT_LE(capture.rig.timeline().now() - asked, 3 * hw_sim::DisplayTiming{}.refresh_interval);
+
+  // The same devices again: what was under way is waited for, not begun twice.
+  int opening_count = 0;
+  const RunResult again = capture.run({}, [&](const Transition& transition) {
+    opening_count += std::holds_alternative<ReopenRefused>(transition.event) ? 1 : 0;
+  });
+  EXPECT_EQ(again.outcome, Outcome::kFailed);
+  EXPECT_EQ(again.failure->device, rig::Device::kCamera);
+  // 2.5 s of opening and 0.5 s of rest
+  const auto most = capture.rig_file.sequence.reopen_deadline / milliseconds(3000);
+  EXPECT_NEAR(opening_count, static_cast<int>(most), 1);
+}
+
+// Whose face it is need not look into a pattern until the camera is back.
+TEST(LedgerWorldCapture, IsBlackWhileALostDeviceIsWaitedFor) {
+  for (const FaultKind kind : {FaultKind::kCameraRebooted, FaultKind::kUsbUnplugged}) {
+    SCOPED_TRACE(std::string(to_string(kind)));
+    LedgerCapture capture({.faults = {fault_at(kind, 20)}}, ledger_rig_file(), {}, {},
+                          milliseconds(300));
+    rig::HostTime lost;
+    int look_count = 0, lit_count = 0;
+    const RunResult result = capture.run({}, [&](const Transition& transition) {
+      if (!std::holds_alternative<Reopening>(transition.state.phase)) return;
+      if (transition.from != "reopening") lost = transition.time;
+      const auto picture = hw_sim::shown_picture(capture.rig.picture_now()->id).picture;
+      // What is being scanned out when the loss is told stays for its refresh.
+      if (transition.time - lost < 3 * hw_sim::DisplayTiming{}.refresh_interval) return;
+      ++look_count;
+      lit_count += picture == rig::kBlackPicture ? 0 : 1;
+    });
+    EXPECT_EQ(result.outcome, Outcome::kComplete) << (result.failure ? result.failure->text : "");
+    EXPECT_EQ(result.reopen_count, 1);
+    EXPECT_GT(look_count, 2);
+    EXPECT_EQ(lit_count, 0);
+    EXPECT_EQ(capture.keeper.frames.size(), 176U);
+    EXPECT_EQ(capture.wrong_frame_count(), 0);
+  }
+}
+
 TEST(LedgerWorldCapture, AbortTurnsBlackWithinARefreshOfBeingHeard) {
   for (const int when : {1, 2, 3, 50, 300, 500}) {
     SCOPED_TRACE(when);

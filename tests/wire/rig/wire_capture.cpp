@@ -8,8 +8,6 @@
 #include <optional>
 #include <system_error>
 
-#include "hw_sim/display/child_process.h"
-
 namespace fs = std::filesystem;
 
 namespace {
@@ -66,15 +64,29 @@ void WireCapture::add_to_sequence(const std::string& line) const {
 }
 
 int WireCapture::run(const std::string& plan) const {
+  auto child = start(plan);
+  return child ? ended(*child) : kHangs;
+}
+
+rig::Result<hw_sim::ChildProcess> WireCapture::start(const std::string& plan) const {
   std::ofstream(folder_ / "plan.toml") << plan;
-  auto child = hw_sim::ChildProcess::start(
+  return hw_sim::ChildProcess::start(
       {.argv = {SSRIG_SIM, "run", "--rig", rig_file(), "--scene", "ledger", "--faults",
                 folder_ / "plan.toml", "--", SSRIG, "capture", "--rig", rig_file(), "--out",
                 folder_ / "out"},
        .environment = {{"TMPDIR", (folder_ / "tmp").string()}},
        .output = folder_ / "output"});
-  if (!child) return kHangs;
-  return child->wait(rig::HostClock::now() + kPatience).value_or(kHangs);
+}
+
+rig::Result<hw_sim::ChildProcess> WireCapture::start_without_rig() const {
+  return hw_sim::ChildProcess::start(
+      {.argv = {SSRIG, "capture", "--rig", rig_file(), "--out", folder_ / "out"},
+       .environment = {{"DISPLAY", ""}},
+       .output = folder_ / "output"});
+}
+
+int WireCapture::ended(hw_sim::ChildProcess& child) {
+  return child.wait(rig::HostClock::now() + kPatience).value_or(kHangs);
 }
 
 std::string WireCapture::output() const { return read_text(folder_ / "output"); }

@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "hw_sim/display/child_process.h"
+#include "rig/fault.h"
 #include "tests/wire/rig/ledger_session.h"
 
 class WireCapture {
@@ -25,6 +27,10 @@ class WireCapture {
   void set_pace(const std::string& pace) const;
   // The exit code; once. `plan` is a plan of faults in TOML.
   int run(const std::string& plan) const;
+  // The same in two steps; and ssrig by itself, without a rig around it.
+  rig::Result<hw_sim::ChildProcess> start(const std::string& plan) const;
+  rig::Result<hw_sim::ChildProcess> start_without_rig() const;
+  static int ended(hw_sim::ChildProcess& child);
 
   std::string output() const;
   std::vector<std::filesystem::path> sessions() const;
