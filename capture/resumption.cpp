@@ -28,6 +28,8 @@ tl::unexpected<InputError> cannot_resume(const fs::path& session, const std::str
 }
 
 std::string content_of(const fs::path& path) {
+  std::error_code unknown;
+  if (fs::is_directory(path, unknown)) return {};  // reading a folder throws
   std::ifstream file(path, std::ios::binary);
   return {std::istreambuf_iterator<char>(file), {}};
 }

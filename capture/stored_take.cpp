@@ -99,7 +99,8 @@ void read_line(const Json& line, Journal& journal) {
 
 std::optional<std::vector<std::byte>> read_bytes(const fs::path& path) {
   std::ifstream file(path, std::ios::binary);
-  if (!file) return std::nullopt;
+  std::error_code unknown;
+  if (!file || fs::is_directory(path, unknown)) return std::nullopt;  // reading a folder throws
   const std::string content{std::istreambuf_iterator<char>(file), {}};
   std::vector<std::byte> bytes(content.size());
   std::memcpy(bytes.data(), content.data(), content.size());

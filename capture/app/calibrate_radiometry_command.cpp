@@ -51,8 +51,9 @@ ExitCode calibrate_radiometry(RadiometryArguments arguments) {
   std::error_code unknown;  // then reading says why
   const fs::path before = fs::exists(out, unknown) ? out : geometry_file;
   std::ifstream file(before, std::ios::binary);
+  const bool is_readable = file && !fs::is_directory(before, unknown);  // reading a folder throws
   const std::string text =
-      file ? std::string(std::istreambuf_iterator<char>(file), {}) : std::string();
+      is_readable ? std::string(std::istreambuf_iterator<char>(file), {}) : std::string();
   const auto geometry = estimation::parse_calibration(text, before.string());
   if (!geometry) {
     complain(geometry.error().text() + "; calibrate the geometry first");

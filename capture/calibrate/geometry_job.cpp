@@ -2,6 +2,7 @@
 
 #include <fstream>
 #include <iterator>
+#include <system_error>
 #include <utility>
 
 #include "capture/calibrate/session_signals.h"
@@ -133,8 +134,10 @@ std::string GeometryJob::record_json(std::chrono::system_clock::time_point now) 
 Result<fs::path> GeometryJob::store(const fs::path& path,
                                     std::chrono::system_clock::time_point now) const {
   std::ifstream file(path, std::ios::binary);
+  std::error_code unknown;
+  const bool is_readable = file && !fs::is_directory(path, unknown);  // reading a folder throws
   const std::string before =
-      file ? std::string(std::istreambuf_iterator<char>(file), {}) : std::string();
+      is_readable ? std::string(std::istreambuf_iterator<char>(file), {}) : std::string();
   const auto text = estimation::format_calibration(
       before, fit_->calibration, {estimation::CalibrationPart::kGeometry, record_json(now)});
   if (!text) {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <fstream>
 #include <iterator>
+#include <system_error>
 #include <utility>
 
 #include "capture/calibrate/lit_scene.h"
@@ -39,7 +40,9 @@ InputError named(InputError error, const std::string& session) {
 
 std::string read_text(const fs::path& path) {
   std::ifstream file(path, std::ios::binary);
-  return file ? std::string(std::istreambuf_iterator<char>(file), {}) : std::string();
+  std::error_code unknown;
+  const bool is_readable = file && !fs::is_directory(path, unknown);  // reading a folder throws
+  return is_readable ? std::string(std::istreambuf_iterator<char>(file), {}) : std::string();
 }
 
 Json json_of(const Measured& measured) { return {{"value", measured.value}, {"sd", measured.sd}}; }

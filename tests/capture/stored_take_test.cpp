@@ -8,6 +8,7 @@
 namespace {
 
 using namespace std::chrono_literals;
+namespace fs = std::filesystem;
 
 const std::string kBegun = R"({"event":"take begun","exposures_us":[16667,66667],"order":[0,2,1],)"
                            R"("settings":{"sequence.sync":"trigger_box"}})"
@@ -57,10 +58,16 @@ TEST(Journal, IsNotFelledByADeeplyNestedSetting) {
 }
 
 TEST(Journal, IsEmptyWhereThereIsNone) {
-  const capture::Journal journal =
-      capture::read_journal(std::filesystem::temp_directory_path() / "no session");
+  const capture::Journal journal = capture::read_journal(fs::temp_directory_path() / "no session");
   EXPECT_FALSE(journal.beginning);
   EXPECT_TRUE(journal.frames.empty());
+}
+
+TEST(Journal, IsEmptyWhereItIsAFolder) {
+  const fs::path session = fs::path(testing::TempDir()) / "journal_is_a_folder";
+  fs::create_directories(session / "journal.jsonl");
+  EXPECT_FALSE(capture::read_journal(session).beginning);
+  fs::remove_all(session);
 }
 
 }  // namespace
