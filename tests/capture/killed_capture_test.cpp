@@ -6,6 +6,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <spawn.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -13,6 +14,7 @@
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -37,7 +39,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using std::chrono::milliseconds;
-using std::chrono::steady_clock;
 
 int kill_count() {
   const char* asked = std::getenv("SSRIG_KILLS");
@@ -102,6 +103,21 @@ CaptureResult capture_in(const fs::path& root, const fs::path& resume) {
   return job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
 }
 
+// Leaves it to be waited for.
+bool has_ended(pid_t child) {
+  siginfo_t info{};
+  return ::waitid(P_PID, static_cast<id_t>(child), &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+         info.si_pid == child;
+}
+
+milliseconds age_of(pid_t child) {
+  clockid_t clock = 0;
+  timespec age{};
+  if (::clock_getcpuclockid(child, &clock) != 0 || ::clock_gettime(clock, &age) != 0)
+    return milliseconds::max();
+  return milliseconds(age.tv_sec * 1000 + age.tv_nsec / 1'000'000);
+}
+
 class KilledCapture : public testing::Test {
  protected:
   void SetUp() override {
@@ -122,19 +138,24 @@ class KilledCapture : public testing::Test {
                                                                                           : -1;
   }
 
-  // A capture that is killed after `life`; its wait status.
-  int capture_for(milliseconds life) const {
+  struct Life {
+    int status = -1;  // as waitpid() has it
+    milliseconds age{0};
+  };
+
+  // A capture that is killed at that age. Its age is the processor time that it has had: what else
+  // the machine does moves the clock on the wall, but not where in the capture that is.
+  Life capture_for(milliseconds age) const {
     const pid_t child = start_capture();
-    if (child < 0) return -1;
-    const auto deadline = steady_clock::now() + life;
-    int status = 0;
-    while (steady_clock::now() < deadline) {
-      if (::waitpid(child, &status, WNOHANG) == child) return status;
-      std::this_thread::sleep_for(milliseconds(1));
-    }
+    if (child < 0) return {};
+    while (!has_ended(child) && age_of(child) < age) std::this_thread::sleep_for(milliseconds(1));
     ::kill(child, SIGKILL);
-    ::waitpid(child, &status, 0);
-    return status;
+    Life life;
+    rusage used{};
+    ::wait4(child, &life.status, 0, &used);
+    life.age = milliseconds((used.ru_utime.tv_sec + used.ru_stime.tv_sec) * 1000 +
+                            (used.ru_utime.tv_usec + used.ru_stime.tv_usec) / 1000);
+    return life;
   }
 
   // True where there was something to finish: a process killed among its maps has its frames.
@@ -166,9 +187,9 @@ class KilledCapture : public testing::Test {
 };
 
 TEST_F(KilledCapture, LeavesOnlyWholeFilesAndNoEarlierSessionIsTouched) {
-  const auto start = steady_clock::now();
-  ASSERT_EQ(capture_for(std::chrono::minutes(5)), 0) << "the capture that is not killed";
-  auto duration = std::chrono::duration_cast<milliseconds>(steady_clock::now() - start);
+  const Life whole = capture_for(std::chrono::minutes(5));
+  ASSERT_EQ(whole.status, 0) << "the capture that is not killed";
+  milliseconds duration = whole.age;
   const fs::path first = *folders().begin();
   const auto first_files = files_of(first);
   ASSERT_FALSE(first_files.empty());
@@ -184,7 +205,7 @@ TEST_F(KilledCapture, LeavesOnlyWholeFilesAndNoEarlierSessionIsTouched) {
         random() % static_cast<std::uint64_t>(std::max<std::int64_t>(duration.count(), 2))));
     SCOPED_TRACE("take " + std::to_string(take) + " killed after " + std::to_string(life.count()) +
                  " of " + std::to_string(duration.count()) + " ms");
-    const bool is_killed = WIFSIGNALED(capture_for(life));
+    const bool is_killed = WIFSIGNALED(capture_for(life).status);
     killed_count += is_killed ? 1 : 0;
     if (!is_killed) duration = std::min(duration, life);
     EXPECT_EQ(files_of(first), first_files) << "an earlier session has changed";
@@ -213,30 +234,31 @@ TEST_F(KilledCapture, LeavesOnlyWholeFilesAndNoEarlierSessionIsTouched) {
 
 // A session's first milliseconds: its folder, its journal, its manifest.
 TEST_F(KilledCapture, ASessionSaysHowItWasBegunFromItsFirstMoment) {
-  ASSERT_EQ(capture_for(std::chrono::minutes(5)), 0);
+  ASSERT_EQ(capture_for(std::chrono::minutes(5)).status, 0);
   int session_count = 0;
   for (int take = 0; take < 24; ++take) {
     SCOPED_TRACE("take " + std::to_string(take));
-    const std::size_t earlier = folders().size();
+    const std::set<fs::path> earlier = folders();
     const pid_t child = start_capture();
     ASSERT_GT(child, 0);
-    while (folders().size() == earlier && ::waitpid(child, nullptr, WNOHANG) == 0) {
+    while (folders().size() == earlier.size() && ::waitpid(child, nullptr, WNOHANG) == 0) {
     }
     std::this_thread::sleep_for(std::chrono::microseconds(150 * take));
     ::kill(child, SIGKILL);
     ::waitpid(child, nullptr, 0);
     for (const fs::path& folder : folders()) {
+      if (earlier.contains(folder)) continue;
       for (const std::string& line : incomplete_files(folder)) ADD_FAILURE() << line;
       if (!estimation::read_manifest(folder)) continue;
       ++session_count;
       EXPECT_TRUE(read_journal(folder).beginning) << folder;
     }
   }
-  EXPECT_GT(session_count, 24);  // the first take's counts each time
+  EXPECT_GT(session_count, 0);
 }
 
 TEST_F(KilledCapture, ATornFileWouldBeNoticed) {
-  ASSERT_EQ(capture_for(std::chrono::minutes(5)), 0);
+  ASSERT_EQ(capture_for(std::chrono::minutes(5)).status, 0);
   const fs::path session = *folders().begin();
   EXPECT_THAT(incomplete_files(session), testing::IsEmpty());
   std::size_t torn_count = 0;
