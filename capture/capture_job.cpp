@@ -6,7 +6,6 @@
 
 #include "capture/journal.h"
 #include "capture/live_estimate.h"
-#include "capture/motion_file.h"
 #include "capture/results.h"
 #include "capture/session_plan.h"
 #include "capture/session_writer.h"
@@ -69,10 +68,10 @@ std::string summary(const RunResult& run, int slot_count) {
 }
 
 // Beside the frames, whatever became of the capture; a reader of sessions needs none of it.
-void note_motion(const estimation::MotionReport& report, int pattern, CaptureResult& result) {
-  result.motion = report.text;
-  if (report.repeats.empty()) return;
-  if (const auto written = write_motion(result.session, report, pattern); !written)
+void note_motion(const WatchedMotion& motion, CaptureResult& result) {
+  result.motion = motion.report.text;
+  if (motion.report.repeats.empty()) return;
+  if (const auto written = write_motion(result.session, motion); !written)
     result.notes.push_back("motion not stored: " + written.error().text());
 }
 
@@ -234,23 +233,41 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
   }
   const Take take = make_own_take();
   const auto watch = make_watch(take, rig_file_.sequence.is_shuffled);
-  take_frames(devices, stop, take, {**writer, estimate.get(), watch.get()}, std::move(repeats),
-              teller, result);
+  auto motion = take_frames(devices, stop, take, {**writer, estimate.get(), watch.get()},
+                            std::move(repeats), teller, result);
   if (result.state != SessionState::kComplete || options_.product != CaptureProduct::kMaps)
     return result;
-  teller.tell_estimating(result.motion);
+  teller.tell_estimating();
   const auto estimated = estimate
                              ? estimate->finish()
                              : estimation::estimate_session(result.session, options_.estimator);
-  if (estimated && watch) note_motion(watch->finish_by(estimated->maps), *take.repeated, result);
+  if (estimated && motion) {
+    motion->report = watch->finish_by(estimated->maps);
+    note_motion(*motion, result);
+  }
   add_maps(estimated, manifest, result);
   return result;
 }
 
+// Says what the repeats say as soon as it is known, ahead of frames on their way to the disk.
+WatchedMotion CaptureJob::judge_motion(const Devices& devices, MotionWatch& watch, int pattern,
+                                       SessionWriter& writer, ProgressTeller& teller) {
+  // The devices' clock stands still between their events where they are simulated.
+  const rig::HostTime run_ended = devices.events.now(), began = rig::HostClock::now();
+  WatchedMotion motion{watch.finish(), pattern, {}};
+  teller.tell_motion(motion.report.text);
+  motion.verdict_time =
+      run_ended - watch.last_arrival().value_or(run_ended) + (rig::HostClock::now() - began);
+  writer.journal(motion_line(to_string(motion.report.verdict), motion.verdict_time));
+  return motion;
+}
+
 // Fills the slots that are open and ends the session as complete, failed or aborted.
-void CaptureJob::take_frames(Devices devices, const std::stop_token& stop, const Take& take,
-                             const TakeSinks& sinks, std::vector<estimation::Repeat> repeats,
-                             ProgressTeller& teller, CaptureResult& result) const {
+std::optional<WatchedMotion> CaptureJob::take_frames(Devices devices, const std::stop_token& stop,
+                                                     const Take& take, const TakeSinks& sinks,
+                                                     std::vector<estimation::Repeat> repeats,
+                                                     ProgressTeller& teller,
+                                                     CaptureResult& result) const {
   MotionWatch* const watch = sinks.watch;
   if (resumption_) sinks.writer.journal(resume_line(resumption_->good_count(), take));
   if (watch != nullptr) {
@@ -268,12 +285,17 @@ void CaptureJob::take_frames(Devices devices, const std::stop_token& stop, const
   if (resumption_ && run.outcome == Outcome::kComplete)
     result.message +=
         ", " + std::to_string(resumption_->good_count()) + " of them before the interruption";
-  if (watch != nullptr) note_motion(watch->finish(), *take.repeated, result);
+  std::optional<WatchedMotion> motion;
+  if (watch != nullptr) {
+    motion = judge_motion(devices, *watch, *take.repeated, sinks.writer, teller);
+    note_motion(*motion, result);
+  }
   const auto stored = sinks.writer.finish(result.state, describe(run.failure, take));
-  if (stored) return;
+  if (stored) return motion;
   result.state = SessionState::kFailed;
   result.exit_code = ExitCode::kStorage;
   result.message = stored.error().text();
+  return motion;
 }
 
 }  // namespace capture

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "capture/exit_code.h"
+#include "capture/motion_file.h"
 #include "capture/plan.h"
 #include "capture/resumption.h"
 #include "capture/runner.h"
@@ -69,12 +70,15 @@ class CaptureJob {
   estimation::Result<std::unique_ptr<SessionWriter>> open_session() const;
   Take make_own_take() const;
   std::unique_ptr<MotionWatch> make_watch(const Take& take, bool is_shuffled) const;
+  static WatchedMotion judge_motion(const Devices& devices, MotionWatch& watch, int pattern,
+                                    SessionWriter& writer, ProgressTeller& teller);
   std::optional<CaptureResult> check_nothing_moved(Devices devices, const std::stop_token& stop,
                                                    SessionWriter& writer, ProgressTeller& teller,
                                                    std::vector<estimation::Repeat>& repeats) const;
-  void take_frames(Devices devices, const std::stop_token& stop, const Take& take,
-                   const TakeSinks& sinks, std::vector<estimation::Repeat> repeats,
-                   ProgressTeller& teller, CaptureResult& result) const;
+  std::optional<WatchedMotion> take_frames(Devices devices, const std::stop_token& stop,
+                                           const Take& take, const TakeSinks& sinks,
+                                           std::vector<estimation::Repeat> repeats,
+                                           ProgressTeller& teller, CaptureResult& result) const;
 
   rig::RigFile rig_file_;
   CaptureOptions options_;

@@ -109,6 +109,12 @@ std::string latency_line(std::chrono::nanoseconds latency) {
        {"latency_us", std::chrono::duration_cast<std::chrono::microseconds>(latency).count()}});
 }
 
+std::string motion_line(const std::string& verdict, std::chrono::nanoseconds verdict_time) {
+  return as_line({{"event", "motion judged"},
+                  {"verdict", verdict},
+                  {"verdict_ms", std::chrono::duration<double, std::milli>(verdict_time).count()}});
+}
+
 std::string journal_line(const Transition& transition, rig::HostTime start) {
   const SequenceState& state = transition.state;
   Json line{

@@ -27,6 +27,9 @@ std::string refusal_line(const std::string& text);
 // Sync mode software: how long after the swap the camera is triggered, as measured.
 std::string latency_line(std::chrono::nanoseconds latency);
 
+// What the repeats said of the subject, and how long after the last frame.
+std::string motion_line(const std::string& verdict, std::chrono::nanoseconds verdict_time);
+
 // One JSON object: time since `start`, event, phases, pattern, and what was found and done.
 std::string journal_line(const Transition& transition, rig::HostTime start);
 

@@ -56,26 +56,27 @@ Json describe(const estimation::Repeat& repeat, const std::optional<estimation::
 
 }  // namespace
 
-std::string format_motion(const estimation::MotionReport& report, int pattern) {
+std::string format_motion(const WatchedMotion& motion) {
+  const estimation::MotionReport& report = motion.report;
   Json json{{"verdict", to_string(report.verdict)},
+            {"verdict_ms", std::chrono::duration<double, std::milli>(motion.verdict_time).count()},
             {"text", report.text},
             {"reasons", report.reasons},
-            {"pattern", pattern},
+            {"pattern", motion.pattern},
             {"repeats", Json::array()}};
   for (std::size_t i = 0; i < report.repeats.size(); ++i)
     json["repeats"].push_back(describe(report.repeats[i], report.motions[i]));
   return json.dump(2) + "\n";
 }
 
-estimation::Result<void> write_motion(const fs::path& session,
-                                      const estimation::MotionReport& report, int pattern) {
+estimation::Result<void> write_motion(const fs::path& session, const WatchedMotion& motion) {
   const fs::path path = session / "report" / "motion.json";
   std::error_code error;
   fs::create_directories(path.parent_path(), error);
   if (error)
     return tl::unexpected(estimation::InputError{estimation::InputFault::kUnwritable, path.string(),
                                                  "", error.message()});
-  const std::string json = format_motion(report, pattern);
+  const std::string json = format_motion(motion);
   std::vector<std::byte> bytes(json.size());
   std::memcpy(bytes.data(), json.data(), json.size());
   return estimation::write_file_atomically(path, bytes);

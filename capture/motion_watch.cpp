@@ -54,20 +54,20 @@ MotionWatch::MotionWatch(const estimation::Manifest& manifest, int pattern,
 
 MotionWatch::~MotionWatch() { queue_.close(); }
 
-void MotionWatch::add_first(const CapturedFrame& frame) {
+void MotionWatch::push(std::optional<int> repeat, const CapturedFrame& frame) {
+  last_arrival_ = std::max(last_arrival_.value_or(frame.frame->received), frame.frame->received);
   queue_.push(std::make_shared<const Item>(
-      Item{std::nullopt, frame.slot.bracket, frame.evidence.edge, frame.frame, {}}));
+      Item{repeat, frame.slot.bracket, frame.evidence.edge, frame.frame, {}}));
 }
+
+void MotionWatch::add_first(const CapturedFrame& frame) { push(std::nullopt, frame); }
 
 void MotionWatch::add_first(int bracket, rig::HostTime edge, estimation::Image<std::uint16_t> dn) {
   queue_.push(
       std::make_shared<const Item>(Item{std::nullopt, bracket, edge, nullptr, std::move(dn)}));
 }
 
-void MotionWatch::add_repeat(int repeat, const CapturedFrame& frame) {
-  queue_.push(std::make_shared<const Item>(
-      Item{repeat, frame.slot.bracket, frame.evidence.edge, frame.frame, {}}));
-}
+void MotionWatch::add_repeat(int repeat, const CapturedFrame& frame) { push(repeat, frame); }
 
 void MotionWatch::know(estimation::Repeat repeat) { known_.push_back(std::move(repeat)); }
 

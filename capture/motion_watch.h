@@ -41,6 +41,8 @@ class MotionWatch {
   // Waits for the frames on their way, then judges. Once. Repeats whose frames did not come, and
   // all if the first showing's did not, are not judged.
   estimation::MotionReport finish();
+  // When the latest of the frames that were added arrived; none: nullopt.
+  std::optional<rig::HostTime> last_arrival() const { return last_arrival_; }
   // The same with the head's motion in mm by the surface that was found, where that tells it.
   // After finish(); on the calling thread.
   estimation::MotionReport finish_by(const estimation::Maps& maps);
@@ -53,6 +55,7 @@ class MotionWatch {
     std::shared_ptr<const rig::Frame> frame;
     estimation::Image<std::uint16_t> stored;  // where there is no frame
   };
+  void push(std::optional<int> repeat, const CapturedFrame& frame);
   void run();
   void choose_bracket();
   void compare(int repeat, const Item& item);
@@ -70,6 +73,7 @@ class MotionWatch {
   const estimation::MotionRules rules_;
   const std::size_t bracket_count_;
   std::vector<estimation::Repeat> known_;
+  std::optional<rig::HostTime> last_arrival_;
   // The watch thread's until it has ended.
   std::map<int, std::shared_ptr<const Item>> firsts_;  // by bracket
   std::optional<int> bracket_;                         // that is compared

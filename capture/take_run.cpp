@@ -92,10 +92,15 @@ void ProgressTeller::tell(const Take& take, const SequenceState& state) {
   tell();
 }
 
-void ProgressTeller::tell_estimating(const std::string& motion) {
+void ProgressTeller::tell_motion(const std::string& motion) {
+  progress_.text = "storing the frames";
+  progress_.motion = motion;
+  tell();
+}
+
+void ProgressTeller::tell_estimating() {
   progress_.phase = CaptureProgress::Phase::kEstimating;
   progress_.text = "computing the maps";
-  progress_.motion = motion;
   tell();
 }
 

@@ -22,7 +22,7 @@ struct CaptureProgress {
   int slots_total = 0;
   int retake_count = 0;
   std::string text;    // what is going on, one clause
-  std::string motion;  // what the repeats said, once they have all come
+  std::string motion;  // what the repeats said, as soon as they have all come
 };
 // Called on the session thread, at each change.
 using OnProgress = std::function<void(const CaptureProgress&)>;
@@ -33,7 +33,9 @@ class ProgressTeller {
   // `slots_before`: filled when the take begins.
   ProgressTeller(int slots_before, int slots_total, const OnProgress& on_progress);
   void tell(const Take& take, const SequenceState& state);
-  void tell_estimating(const std::string& motion);
+  // The verdict, while frames are still on their way to the disk.
+  void tell_motion(const std::string& motion);
+  void tell_estimating();
 
  private:
   void tell() const;

@@ -32,9 +32,8 @@ struct CaptureArguments {
 };
 
 std::string describe(const CaptureProgress& progress) {
-  if (progress.phase == CaptureProgress::Phase::kEstimating)
-    return progress.motion.empty() ? progress.text
-                                   : "motion: " + progress.motion + "; " + progress.text;
+  if (!progress.motion.empty()) return "motion: " + progress.motion + "; " + progress.text;
+  if (progress.phase == CaptureProgress::Phase::kEstimating) return progress.text;
   std::string text = std::to_string(progress.slots_filled) + " of " +
                      std::to_string(progress.slots_total) + " slots, " + progress.text;
   if (progress.retake_count > 0) text += ", " + std::to_string(progress.retake_count) + " retaken";
@@ -70,8 +69,9 @@ CaptureResult drive(OpenRig& rig, const CaptureJob& job, const std::stop_token& 
   {
     const std::jthread session([&] {
       result = job.run(rig.devices(), stop, [&line](const CaptureProgress& progress) {
-        const bool is_estimating = progress.phase == CaptureProgress::Phase::kEstimating;
-        line.show(describe(progress), is_estimating);
+        const bool is_important =
+            progress.phase == CaptureProgress::Phase::kEstimating || !progress.motion.empty();
+        line.show(describe(progress), is_important);
       });
       is_over.request_stop();
     });
@@ -126,7 +126,7 @@ CaptureResult ask_daemon(DaemonClient& daemon, const CaptureArguments& arguments
                         .retake_count = snapshot.retake_count,
                         .text = snapshot.message,
                         .motion = snapshot.motion}),
-              is_estimating);
+              is_estimating || !snapshot.motion.empty());
   };
   const auto outcome = daemon.follow(request_id, show, stop);
   if (!outcome)

@@ -46,11 +46,21 @@ class WatchedCapture : public testing::Test {
                  [this](const CaptureProgress& progress) {
                    if (progress.phase == CaptureProgress::Phase::kEstimating)
                      told_before_the_maps_ = progress.motion;
+                   else if (!progress.motion.empty())
+                     state_when_told_ = stored_state();
                    last_total_ = progress.slots_total;
                  });
     std::printf("%s\n", result.motion.c_str());
     EXPECT_EQ(result.state, estimation::SessionState::kComplete) << result.message;
     return result;
+  }
+  // Of the only session, as its manifest has it now.
+  std::string stored_state() const {
+    for (const auto& session : fs::directory_iterator(rig_file_.storage.directory)) {
+      std::ifstream file(session.path() / "session.json");
+      return nlohmann::json::parse(file, nullptr, false)["state"];
+    }
+    return "";
   }
   static nlohmann::json report_of(const CaptureResult& result) {
     std::ifstream file(result.session / "report/motion.json");
@@ -59,7 +69,7 @@ class WatchedCapture : public testing::Test {
 
   fs::path root_;
   rig::RigFile rig_file_;
-  std::string told_before_the_maps_;
+  std::string told_before_the_maps_, state_when_told_;
   int last_total_ = 0;
 };
 
@@ -67,6 +77,7 @@ TEST_F(WatchedCapture, StillHeadIsGoodAndTheSessionHoldsItsOwnSlotsAlone) {
   const CaptureResult result = capture([](double) { return Pose{}; });
   EXPECT_THAT(result.motion, StartsWith("good: "));
   EXPECT_EQ(told_before_the_maps_, result.motion);
+  EXPECT_EQ(state_when_told_, "capturing") << "the verdict waited for the disk";
   const int slot_count = 2 * (40 + 2 * (2 * 8 + 4));  // eight bits of Gray code for 256 px
   EXPECT_EQ(last_total_, slot_count);
   EXPECT_THAT(result.message, HasSubstr("160 of 160 slots"));
@@ -76,6 +87,7 @@ TEST_F(WatchedCapture, StillHeadIsGoodAndTheSessionHoldsItsOwnSlotsAlone) {
   EXPECT_EQ(verified->frame_count, slot_count);
   const nlohmann::json report = report_of(result);
   EXPECT_EQ(report["verdict"], "good");
+  EXPECT_GT(report["verdict_ms"].get<double>(), 0);
   EXPECT_EQ(report["repeats"].size(), 4U);  // after 22, 44, 66 and all 80 patterns
   EXPECT_TRUE(report["reasons"].empty());
 }
