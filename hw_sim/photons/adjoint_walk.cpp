@@ -58,7 +58,7 @@ std::optional<PathStart> seen_path(const ShapeGrid& shape, const Vec3& point_mm,
 }
 
 PathEnd AdjointWalk::trace(const PathStart& start, PhotonRandom& random,
-                           std::vector<Deposit>& deposits) const {
+                           std::vector<Deposit>& deposits, PathWatcher* watcher) const {
   Photon photon{start.point_mm, start.way, start.weight};
   const double greatest = matter_.greatest_sigma_t_per_mm();
   for (int i = 0; i < kMostCollisions; ++i) {
@@ -74,7 +74,12 @@ PathEnd AdjointWalk::trace(const PathStart& start, PhotonRandom& random,
     const std::array<double, 3> way =
         deflected({photon.way[0], photon.way[1], photon.way[2]},
                   henyey_greenstein_cosine(here.anisotropy, random), random);
+    const Vec3 way_before = photon.way;
     photon.way = {way[0], way[1], way[2]};
+    if (!watcher) continue;
+    photon.weight *=
+        watcher->on_turn({photon.point_mm, way_before, photon.way, here.anisotropy, photon.weight});
+    if (photon.weight == 0) return {};
   }
   return {};
 }

@@ -46,6 +46,22 @@ struct PathEnd {
   double weight = 0;
 };
 
+// A scattering, after what it collected was appended.
+struct Turn {
+  estimation::Vec3 point_mm;
+  estimation::Vec3 way_before, way_after;
+  double anisotropy = 0;
+  double weight = 0;
+};
+
+// Looks on as a path scatters. Whoever knows that little is still to come may thin it.
+class PathWatcher {
+ public:
+  virtual ~PathWatcher() = default;
+  // What the path's weight is multiplied by; 0 ends it. One in the mean keeps the walk unbiased.
+  virtual double on_turn(const Turn& turn) = 0;
+};
+
 // Immutable, so thread-safe; refers to what it was made of.
 class AdjointWalk {
  public:
@@ -53,7 +69,8 @@ class AdjointWalk {
       : shape_(shape), matter_(matter), lamp_(lamp) {}
 
   // Appends what one path collects.
-  PathEnd trace(const PathStart& start, PhotonRandom& random, std::vector<Deposit>& deposits) const;
+  PathEnd trace(const PathStart& start, PhotonRandom& random, std::vector<Deposit>& deposits,
+                PathWatcher* watcher = nullptr) const;
 
  private:
   struct Photon;

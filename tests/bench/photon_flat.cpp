@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/hw_sim/photons/flat_harmonics.h"
 #include "tests/hw_sim/photons/half_space.h"
 
 namespace bench {
@@ -23,7 +24,15 @@ bool is_within(double found, double expected, double asked_frac, double file_se,
   return std::abs(found - expected) <= std::max(asked_frac * expected, 3 * file_se) + 2 * own_se;
 }
 
-void show_harmonics(Report& report, int paths) {
+void say_paths(Report& report, const char* of_what, int paths) {
+  report.text(std::string("### Photons in flat phantoms: ").append(of_what));
+  report.text(digits(paths).append(" paths a phantom."));
+}
+
+}  // namespace
+
+void show_flat_harmonics(Report& report, int paths) {
+  say_paths(report, "harmonics", paths);
   Table table{.name = "photons_flat",
               .title = "Photons against mc_truth_rf.csv: difference % (own standard error %)",
               .columns = {"medium", "R_d", "f 0.08", "0.17", "0.25", "0.33", "0.5 /mm"}};
@@ -49,7 +58,8 @@ void show_harmonics(Report& report, int paths) {
   report.table(table);
 }
 
-void show_shift(Report& report, int paths) {
+void show_flat_shift(Report& report, int paths) {
+  say_paths(report, "the shift by oblique light", paths);
   Table table{.name = "photons_shift",
               .title = "Shift of the first harmonic (12 mm), cheek red, all exit angles, mm",
               .columns = {"incidence, degrees", "published", "photons", "standard error"}};
@@ -74,8 +84,8 @@ void show_shift(Report& report, int paths) {
   report.table(table);
 }
 
-// tests/data/mc_tilted.csv: a third program's, by direction of incidence and exit.
-void show_tilted(Report& report, int paths) {
+void show_flat_directions(Report& report, int paths) {
+  say_paths(report, "one direction of exit", paths);
   Table table{.name = "photons_tilted",
               .title =
                   "Photons against mc_tilted.csv, one exit direction: difference % of harmonic "
@@ -126,16 +136,6 @@ void show_tilted(Report& report, int paths) {
   }
   compare();
   report.table(table);
-}
-
-}  // namespace
-
-void show_flat(Report& report, int paths) {
-  report.text("### Photons in flat phantoms");
-  report.text(digits(paths).append(" paths a medium."));
-  show_harmonics(report, paths);
-  show_shift(report, paths);
-  show_tilted(report, paths);
 }
 
 }  // namespace bench

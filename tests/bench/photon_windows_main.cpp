@@ -35,7 +35,8 @@ int main(int argc, char** argv) {
   bench::WindowOptions options;
   int flat_paths = 200'000;
   app.add_option("--out", folder, "Folder for CSV and PNG")->required();
-  app.add_option("--only", only, "flat, table, curvature, or windows by name; comma-separated")
+  app.add_option("--only", only,
+                 "flat, shift, directions, table, curvature, or windows by name; comma-separated")
       ->delimiter(',');
   app.add_option("--paths", options.paths_per_sample, "Paths a camera pixel")
       ->check(CLI::Range(16, 10'000'000));
@@ -50,10 +51,13 @@ int main(int argc, char** argv) {
     return only.empty() || std::find(only.begin(), only.end(), name) != only.end();
   };
   bench::Report report(folder);
-  if (is_wanted("flat"))
-    tbb::task_arena(options.thread_count).execute([&] { bench::show_flat(report, flat_paths); });
+  tbb::task_arena arena(options.thread_count);
+  if (is_wanted("flat")) arena.execute([&] { bench::show_flat_harmonics(report, flat_paths); });
+  if (is_wanted("shift")) arena.execute([&] { bench::show_flat_shift(report, flat_paths); });
+  if (is_wanted("directions"))
+    arena.execute([&] { bench::show_flat_directions(report, flat_paths); });
   if (is_wanted("table"))
-    tbb::task_arena(options.thread_count).execute([&] {
+    arena.execute([&] {
       bench::show_scatter_table(report, options.cache_folder, options.photons_per_angle);
     });
   if (is_wanted("curvature")) bench::show_curvature(report, options);

@@ -1,7 +1,5 @@
 #include "tests/hw_sim/photons/half_space.h"
 
-#include <tbb/parallel_for.h>
-
 #include <cmath>
 #include <fstream>
 #include <numbers>
@@ -31,44 +29,6 @@ Vec3 lambertian_direction(PhotonRandom& random) {
   const double sine2 = random.uniform(), azimuth = 2 * std::numbers::pi * random.uniform();
   const double sine = std::sqrt(sine2);
   return {sine * std::cos(azimuth), sine * std::sin(azimuth), -std::sqrt(1 - sine2)};
-}
-
-std::vector<Harmonic> flat_harmonics(const VolumeOptics& optics, const FlatView& view,
-                                     std::span<const double> freqs_per_mm, int paths,
-                                     std::uint64_t seed) {
-  constexpr int kBatches = 32;
-  const UniformMatter matter(optics);
-  const AdjointWalk walk(half_space(), matter, sunlight(view.towards_lamp));
-  const std::size_t count = freqs_per_mm.size();
-  std::vector<std::vector<std::complex<double>>> batches(
-      kBatches, std::vector<std::complex<double>>(count, 0.0));
-  tbb::parallel_for(0, kBatches, [&](int batch) {
-    PhotonRandom random(seed * kBatches + static_cast<std::uint64_t>(batch));
-    std::vector<Deposit> deposits;
-    const double share = 1 / (-view.towards_lamp[2] * (paths / kBatches));
-    for (int path = 0; path < paths / kBatches; ++path) {
-      deposits.clear();
-      const Vec3 eye = view.towards_eye ? *view.towards_eye : lambertian_direction(random);
-      const auto start = seen_path(half_space(), {0, 0, 0}, eye);
-      if (start) walk.trace(*start, random, deposits);
-      for (const Deposit& deposit : deposits)
-        for (std::size_t i = 0; i < count; ++i)
-          batches[static_cast<std::size_t>(batch)][i] += std::polar(
-              share * deposit.weight, 2 * std::numbers::pi * freqs_per_mm[i] * deposit.entry_mm[0]);
-    }
-  });
-  std::vector<Harmonic> harmonics(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    std::vector<double> real, imaginary;
-    for (const auto& batch : batches) {
-      real.push_back(batch[i].real());
-      imaginary.push_back(batch[i].imag());
-    }
-    const Estimate re = estimate_of(real), im = estimate_of(imaginary);
-    harmonics[i] = {{re.value, im.value},
-                    std::hypot(re.standard_error, im.standard_error) / std::numbers::sqrt2};
-  }
-  return harmonics;
 }
 
 double TruthMedium::standard_error(std::size_t freq) const {

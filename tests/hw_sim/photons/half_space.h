@@ -2,11 +2,7 @@
 // nature know. Used by the tests with few photons and by tests/bench with many.
 #pragma once
 
-#include <complex>
-#include <cstdint>
 #include <filesystem>
-#include <optional>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -32,21 +28,6 @@ Lamp sunlight(const estimation::Vec3& towards_lamp);
 
 // Outside directions by Lambert's law.
 estimation::Vec3 lambertian_direction(PhotonRandom& random);
-
-struct FlatView {
-  estimation::Vec3 towards_lamp{0, 0, -1};
-  std::optional<estimation::Vec3> towards_eye;  // none: all, by Lambert's law
-};
-struct Harmonic {
-  std::complex<double> value;
-  double standard_error = 0;  // of real and imaginary part, their root mean square
-};
-
-// What a pattern exp(2 pi i f x) reflects: pi times the radiance at x = 0 over incident flux. Runs
-// in the caller's TBB arena; the same numbers for any number of threads.
-std::vector<Harmonic> flat_harmonics(const VolumeOptics& optics, const FlatView& view,
-                                     std::span<const double> freqs_per_mm, int paths,
-                                     std::uint64_t seed);
 
 // reference/mc_truth_rf.csv at f = 0 and harmonics 1 to 4 and 6 of 12 mm, rounded as in the file.
 inline constexpr double kTruthFreqs_per_mm[] = {0, 0.08, 0.17, 0.25, 0.33, 0.5};

@@ -4,8 +4,13 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
+#include <complex>
 #include <numbers>
+#include <vector>
+
+#include "tests/hw_sim/photons/flat_harmonics.h"
 
 namespace hw_sim {
 namespace {
@@ -57,6 +62,54 @@ TEST(HalfSpacePhotons, ObliqueLightComesOutShifted) {
     EXPECT_NEAR(shift_mm, published_mm[i], 0.005 + 3.5 * se_mm) << degrees[i] << " degrees";
     EXPECT_LT(se_mm, 0.03);
   }
+}
+
+// Every deposit at its own place, no symmetry used: real and imaginary part.
+std::array<Estimate, 2> plain_harmonic(const VolumeOptics& optics, const FlatView& view,
+                                       double freq_per_mm, int paths) {
+  constexpr int kBatches = 16;
+  const UniformMatter matter(optics);
+  const AdjointWalk walk(half_space(), matter, sunlight(view.towards_lamp));
+  std::array<std::vector<double>, 2> parts;
+  std::vector<Deposit> deposits;
+  for (int batch = 0; batch < kBatches; ++batch) {
+    PhotonRandom random(51 + static_cast<std::uint64_t>(batch));
+    std::complex<double> sum = 0;
+    for (int path = 0; path < paths / kBatches; ++path) {
+      deposits.clear();
+      const Vec3 eye = view.towards_eye ? *view.towards_eye : lambertian_direction(random);
+      const auto start = seen_path(half_space(), {0, 0, 0}, eye);
+      if (start) walk.trace(*start, random, deposits);
+      for (const Deposit& deposit : deposits)
+        sum += std::polar(deposit.weight, 2 * std::numbers::pi * freq_per_mm * deposit.entry_mm[0]);
+    }
+    sum *= kBatches / (-view.towards_lamp[2] * paths);
+    parts[0].push_back(sum.real());
+    parts[1].push_back(sum.imag());
+  }
+  return {estimate_of(parts[0]), estimate_of(parts[1])};
+}
+
+TEST(HalfSpacePhotons, ForgottenAzimuthsTakeTheNoiseAndLeaveTheMean) {
+  const FlatView views[] = {
+      {},
+      {.towards_lamp = outward(50 * kDegree, kFromLeft), .towards_eye = {}},
+      {.towards_lamp = outward(50 * kDegree, kFromLeft), .towards_eye = outward(0.6, 0.7)}};
+  constexpr int kPaths = 8000;
+  for (const FlatView& view : views)
+    for (const double freq_per_mm : {0.1, 0.5}) {
+      SCOPED_TRACE(freq_per_mm);
+      const auto optics = volume_optics(kCheekRed);
+      const auto plain = plain_harmonic(optics, view, freq_per_mm, kPaths);
+      const Harmonic found = flat_harmonics(optics, view, {&freq_per_mm, 1}, kPaths, 71)[0];
+      EXPECT_NEAR(found.value.real(), plain[0].value,
+                  3.5 * std::hypot(plain[0].standard_error, found.standard_error));
+      EXPECT_NEAR(found.value.imag(), plain[1].value,
+                  3.5 * std::hypot(plain[1].standard_error, found.standard_error));
+      if (freq_per_mm == 0.5) {
+        EXPECT_LT(found.standard_error, 0.75 * plain[1].standard_error);
+      }
+    }
 }
 
 // From one medium into another: matter that varies in sigma_a, sigma_s and g, along x.
