@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <set>
+#include <string_view>
 #include <system_error>
 
 #include "capture/stored_take.h"
@@ -33,17 +34,36 @@ int count_good_files(const fs::path& session, const Journal& journal) {
   return count;
 }
 
+// As a shell takes it for one word.
+std::string as_word(const fs::path& path) {
+  const std::string text = path.string();
+  constexpr std::string_view kPlain =
+      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-./+:,=@%";
+  if (!text.empty() && text.find_first_not_of(kPlain) == std::string::npos) return text;
+  std::string word = "'";
+  for (const char c : text) {
+    if (c == '\'')
+      word.append("'\\''");
+    else
+      word.push_back(c);
+  }
+  return word.append("'");
+}
+
 }  // namespace
 
 std::string InterruptedTake::text() const {
-  const std::string count = slot_count > 0 ? std::to_string(good_count) + " of " +
-                                                 std::to_string(slot_count) + " slots are"
-                                           : std::to_string(good_count) + " frames are";
-  return session.string() + " was interrupted: " + count + " good on the disk";
+  if (!is_resumable())
+    return session.string() +
+           " is not complete and cannot be resumed: it has no journal that says how it was begun, "
+           "as sessions of other programs have none";
+  return session.string() + " was interrupted: " + std::to_string(good_count) + " of " +
+         std::to_string(slot_count) + " slots are good on the disk";
 }
 
 std::string InterruptedTake::remedy(const fs::path& rig_file) const {
-  return "ssrig capture --rig " + rig_file.string() + " --resume " + session.string();
+  if (!is_resumable()) return "ssrig estimate " + as_word(session);
+  return "ssrig capture --rig " + as_word(rig_file) + " --resume " + as_word(session);
 }
 
 std::optional<InterruptedTake> find_interruption(const fs::path& session) {
@@ -68,7 +88,8 @@ std::vector<InterruptedTake> list_interrupted_takes(const fs::path& directory) {
   for (fs::directory_iterator it(directory, error), end; !error && it != end; it.increment(error)) {
     std::error_code unknown;
     if (!it->is_directory(unknown)) continue;
-    if (auto take = find_interruption(it->path())) takes.push_back(std::move(*take));
+    auto take = find_interruption(it->path());
+    if (take && take->is_resumable()) takes.push_back(std::move(*take));
   }
   std::sort(takes.begin(), takes.end(), [](const InterruptedTake& a, const InterruptedTake& b) {
     return a.session < b.session;

@@ -41,7 +41,9 @@ ExitCode verify(const VerifyArguments& arguments) {
     return ExitCode::kFailed;
   }
   if (const auto take = find_interruption(arguments.session))
-    report->notes.push_back(take->text() + "; finish it with: " + take->remedy("RIG_FILE"));
+    report->notes.push_back(
+        take->text() + (take->is_resumable() ? "; finish it with: " : "; maps of its frames: ") +
+        take->remedy("RIG_FILE"));
   if (arguments.is_json)
     print_json(*report);
   else
