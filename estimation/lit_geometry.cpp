@@ -7,6 +7,7 @@
 #include <limits>
 #include <vector>
 
+#include "estimation/geometry/triangulation.h"
 #include "estimation/profile/site_factors.h"
 #include "estimation/radiometry/illumination.h"
 
@@ -19,6 +20,38 @@ double sample(const Image<float>& image, int row, int col) {
   return static_cast<double>(image.empty() ? kNan : image.at(row, col));
 }
 
+// Where in the projector a pixel is lit from: as decoded, and along an axis that does not tell it
+// as the surface has it.
+class LitPlaces {
+ public:
+  LitPlaces(const MaterialInput& input, const Surface& surface)
+      : found_(input.correspondence),
+        surface_(surface),
+        stereo_(input.manifest.calibration, input.manifest.camera) {}
+
+  struct Place {
+    double column_px = kNan, row_px = kNan;
+  };
+
+  Place at(int row, int col) const {
+    Place place{sample(found_.column_px, row, col), sample(found_.row_px, row, col)};
+    if (std::isfinite(place.column_px) && std::isfinite(place.row_px)) return place;
+    Vec3 point_mm;
+    for (std::size_t i = 0; i < 3; ++i)
+      point_mm[static_cast<int>(i)] = sample(surface_.position_mm[i], row, col);
+    if (const auto lit = stereo_.project(point_mm)) {
+      if (!std::isfinite(place.column_px)) place.column_px = lit->pixel[0];
+      if (!std::isfinite(place.row_px)) place.row_px = lit->pixel[1];
+    }
+    return place;
+  }
+
+ private:
+  const Correspondence& found_;
+  const Surface& surface_;
+  Stereo stereo_;
+};
+
 }  // namespace
 
 LitGeometry::LitGeometry(const MaterialInput& input, const Surface& surface, Axis axis)
@@ -28,20 +61,22 @@ LitGeometry::LitGeometry(const MaterialInput& input, const Surface& surface, Axi
       pitch_mm_(axis == Axis::kColumn ? surface.column_pitch_mm : surface.row_pitch_mm),
       gain_(surface.cos_projector.height_px(), surface.cos_projector.width_px(), 1, kNan),
       validity_(surface.validity) {
-  const Correspondence& found = input.correspondence;
+  const LitPlaces places(input, surface);
   const Illumination light{
       .vignetting = input.vignetting.view(),
       .reference_distance_mm = input.manifest.calibration.irradiance->reference_distance_mm};
   tbb::parallel_for(0, gain_.height_px(), [&](int row) {
     for (int col = 0; col < gain_.width_px(); ++col) {
-      const double gain = light.at(
-          sample(found.column_px, row, col), sample(found.row_px, row, col),
-          sample(surface.cos_projector, row, col), sample(surface.projector_distance_mm, row, col));
+      if ((validity_.at(row, col) & kValidityErrors) != 0) continue;
+      const LitPlaces::Place place = places.at(row, col);
+      const double gain =
+          light.at(place.column_px, place.row_px, sample(surface.cos_projector, row, col),
+                   sample(surface.projector_distance_mm, row, col));
       gain_.at(row, col) = static_cast<float>(gain);
       std::uint32_t& validity = validity_.at(row, col);
       const bool is_placed = gain > 0 && std::isfinite(sample(position_px_, row, col)) &&
                              std::isfinite(sample(pitch_mm_, row, col));
-      if (!is_placed && (validity & kValidityErrors) == 0) validity |= kNoCorrespondence;
+      if (!is_placed) validity |= kNoCorrespondence;
     }
   });
   geometry_ = {.position_px = position_px_.view(),
@@ -63,17 +98,15 @@ LitGeometry::LitGeometry(const MaterialInput& input, const Surface& surface, Axi
 // over its tangential part, whose inverse is the pitch.
 void LitGeometry::fill_tilt(const MaterialInput& input, const Surface& surface) {
   const cv::Matx33d& K = input.manifest.calibration.projector.K;
-  const Image<float>& column_px = input.correspondence.column_px;
-  const Image<float>& row_px = input.correspondence.row_px;
+  const LitPlaces places(input, surface);
   tilt_along_ = Image<float>(gain_.height_px(), gain_.width_px(), 1, kNan);
   tilt_across_ = tilt_along_;
   tbb::parallel_for(0, gain_.height_px(), [&](int row) {
     for (int col = 0; col < gain_.width_px(); ++col) {
       if ((validity_.at(row, col) & kValidityErrors) != 0) continue;
-      const auto slope = [&](const Image<float>& px, double focal_px, double centre_px) {
-        return px.empty() ? 0 : (sample(px, row, col) - centre_px) / focal_px;
-      };
-      const double x = slope(column_px, K(0, 0), K(0, 2)), y = slope(row_px, K(1, 1), K(1, 2));
+      const LitPlaces::Place place = places.at(row, col);
+      const double x = (place.column_px - K(0, 2)) / K(0, 0);
+      const double y = (place.row_px - K(1, 2)) / K(1, 1);
       const bool is_column = axis_ == Axis::kColumn;
       const double focal_px = is_column ? K(0, 0) : K(1, 1), on_axis = is_column ? x : y;
       const double gradient_px_per_mm = focal_px *

@@ -156,6 +156,9 @@ void MaterialEstimate::reflectance_only(const PatternRate* white) {
 }
 
 void MaterialEstimate::fit_by_table(const StripeScene& scene) {
+  result_.notes.push_back(
+      "method lut states no uncertainty of its maps: maps/uncertainty.exr holds that of "
+      "correspondence and position alone; --method likelihood states all");
   const ProfileTable wide(in_.model, scene.stripes.shape, TableRange{});
   for (int band = 0; band < bands(); ++band)
     store_band(band, fit_band(camera(), radiometry_of(in_, band), scene.stripes, scene.signals,

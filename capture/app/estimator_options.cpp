@@ -3,7 +3,9 @@
 namespace capture {
 
 void add_estimator_options(CLI::App& command, estimation::EstimatorOptions& options) {
-  command.add_option("--method", options.method, "how the maps are fitted")
+  command
+      .add_option("--method", options.method,
+                  "how the maps are fitted; lut is the paper's, without uncertainties")
       ->check(CLI::IsMember({"likelihood", "lut"}))
       ->capture_default_str();
   command.add_option("--model", options.model, "how light scatters")

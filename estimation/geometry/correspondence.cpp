@@ -31,6 +31,7 @@ struct Workspace {
   std::vector<BitReading> bits = {};
   std::vector<PhaseReading> phases = {};
   std::vector<std::size_t> usable = {};
+  std::vector<std::uint32_t> column_errors = {}, row_errors = {};  // [col]
 };
 
 // --- one pixel ----------------------------------------------------------------------------------
@@ -194,8 +195,10 @@ class Decoder {
       const std::span<std::uint32_t> validity = out_.validity.view().row(row);
       std::fill(validity.begin(), validity.begin() + lit_begin, unlit);
       std::fill(validity.begin() + lit_end, validity.end(), unlit);
-      decode_axis_row(column_, work.reader.column(), row, work);
-      decode_axis_row(row_, work.reader.row(), row, work);
+      decode_axis_row(column_, work.reader.column(), row, work.column_errors, work);
+      decode_axis_row(row_, work.reader.row(), row, work.row_errors, work);
+      for (std::size_t col = 0; col < validity.size(); ++col)
+        validity[col] |= error_of(work.column_errors[col], work.row_errors[col]);
       for (int col = lit_begin; col < lit_end; ++col) judge_pixel(row, col, work.reader);
     }
   }
@@ -218,15 +221,35 @@ class Decoder {
   }
 
  private:
+  // Where patterns of the lesser axis are missing, so that it cannot place all pixels, the other
+  // alone will do. Not the other way round: a coarse axis makes a coarse surface beside a fine one.
+  std::uint32_t error_of(std::uint32_t column_error, std::uint32_t row_error) const {
+    const bool is_row_lesser = signal_count(row_.plan) <= signal_count(column_.plan);
+    const AxisImages& lesser = is_row_lesser ? row_ : column_;
+    const std::uint32_t its_error = is_row_lesser ? row_error : column_error;
+    const std::uint32_t other_error = is_row_lesser ? column_error : row_error;
+    const bool is_forgiven = !lesser.plan.is_whole && (its_error & kBackground) == 0 &&
+                             (is_row_lesser ? column_ : row_).plan.is_decodable;
+    return is_forgiven ? other_error : other_error | its_error;
+  }
+
+  // Of stripes and fringes.
+  static std::size_t signal_count(const AxisPlan& plan) {
+    std::size_t count = 0;
+    for (const FamilySource& source : plan.families) count += source.signals.size();
+    return count;
+  }
+
   // Clear pixels by vectors, the others one by one.
-  void decode_axis_row(AxisImages& axis, const AxisRow& rows, int row, Workspace& work) {
+  void decode_axis_row(AxisImages& axis, const AxisRow& rows, int row,
+                       std::vector<std::uint32_t>& errors, Workspace& work) {
+    errors.assign(static_cast<std::size_t>(out_.validity.width_px()), 0);
     if (!axis.plan.is_decodable) return;
     const auto begin = static_cast<std::size_t>(work.reader.lit_begin());
     const auto end = static_cast<std::size_t>(work.reader.lit_end());
     const std::span<float> position_px = axis.position_px.view().row(row);
     const std::span<float> sd_px = axis.sd_px.view().row(row);
     const std::span<float> modulation = out_.modulation_dn_per_us.view().row(row);
-    const std::span<std::uint32_t> validity = out_.validity.view().row(row);
     for (std::size_t col = 0; col < modulation.size(); ++col)
       modulation[col] = std::max(modulation[col], rows.contrast[col]);
     if (axis.clear_code)
@@ -240,7 +263,7 @@ class Decoder {
       const Decoded found = decode_axis(axis.plan, rows, col, options_, work, found_modulation);
       position_px[col] = found.position_px;
       sd_px[col] = found.sd_px;
-      validity[col] |= found.error;
+      errors[col] = found.error;
       modulation[col] = std::max(modulation[col], found_modulation);
     }
   }
@@ -248,7 +271,7 @@ class Decoder {
   void judge_pixel(int row, int col, const RowReader& reader) {
     std::uint32_t& error = out_.validity.at(row, col);
     if (projector_.sync_square && is_in_sync_square(row, col)) error |= kNoCorrespondence;
-    if (error != 0 && reader.has_lost_samples(col)) error = kSaturated;
+    if (error != 0 && reader.has_lost_readings(col)) error = kSaturated;
   }
 
   bool is_in_sync_square(int row, int col) const {
@@ -294,8 +317,11 @@ void reject_unsupported(double min_support_frac, Correspondence& out) {
     for_rows(out.validity.height_px(), [&](int row) {
       const std::span<std::uint32_t> validity = out.validity.view().row(row);
       const std::span<const unsigned char> is_supported = supported.view().row(row);
+      const std::span<const float> place_px = position->view().row(row);
       for (std::size_t col = 0; col < validity.size(); ++col) {
-        const bool is_lost = validity[col] == 0 && is_supported[col] == 0;
+        // A place that this axis does not tell is the other one's to judge.
+        const bool is_lost =
+            validity[col] == 0 && is_supported[col] == 0 && !std::isnan(place_px[col]);
         validity[col] = is_lost ? std::uint32_t{kNoCorrespondence} : validity[col];
       }
     });

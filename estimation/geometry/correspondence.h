@@ -64,7 +64,8 @@ struct Correspondence {
   // White minus black as the clearest pattern tells it, DN/us, whatever the axis; 0: nothing seen.
   Image<float> modulation_dn_per_us;
   // 0 or errors of Validity: kBackground (not lit), kSaturated (too many samples lost), kTooDark,
-  // kNoCorrespondence. A pixel with any error is NaN in every axis.
+  // kNoCorrespondence. A pixel with any error is NaN in every axis; one without may be NaN in an
+  // axis whose patterns do not place every pixel (some are missing).
   Image<std::uint32_t> validity;
   std::vector<std::string> notes;  // what could not be decoded and why, for people
 };

@@ -152,12 +152,15 @@ void judge(const std::string& axis_name, AxisPlan& plan, const CorrespondenceOpt
       notes.push_back(axis_name +
                       "s not decoded: Gray code lacks its high bits (missing: " + missing + ")");
     } else {
-      notes.push_back(axis_name + "s to whole px only: no stripes or fringes along this axis");
+      plan.is_whole = missing.empty();
+      notes.push_back(axis_name + "s to whole px only: no stripes or fringes along this axis" +
+                      (missing.empty() ? "" : "; Gray code lacks bits " + missing));
     }
     return;
   }
   const int ambiguous = choose_slack(plan, options);
   plan.is_decodable = ambiguous < plan.size_px;
+  plan.is_whole = ambiguous == 0;
   if (ambiguous == 0) return;
   const std::string cause =
       plan.bits.empty() ? std::string("there is no Gray code") : "Gray code lacks bits " + missing;

@@ -32,6 +32,7 @@ struct AxisPlan {
   std::vector<BitSource> bits;         // by falling bit
   std::vector<FamilySource> families;  // by falling period
   bool is_decodable = false;
+  bool is_whole = false;  // no place of the projector is like another to it
 };
 
 struct PatternPlan {

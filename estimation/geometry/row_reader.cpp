@@ -64,6 +64,20 @@ void RowReader::read(int row) {
   read_singles(plan_.row, row_);
 }
 
+bool RowReader::has_lost_readings(int col) const {
+  const auto i = static_cast<std::size_t>(col);
+  if (lost_[i] == 0) return false;
+  for (const auto& [axis, rows] :
+       {std::pair(&plan_.column, &column_), std::pair(&plan_.row, &row_)}) {
+    if (!axis->is_decodable) continue;
+    for (const Row& value : rows->bit_value)
+      if (std::isnan(value[i])) return true;
+    for (const FamilyRow& family : rows->families)
+      if (!std::isfinite(family.sd_px[i])) return true;
+  }
+  return false;
+}
+
 float RowReader::variance_of(float signal) const {
   const float lit = std::max(signal, 0.0F);
   float variance = ranges_.back().read_variance + ranges_.back().shot_dn_per_us * lit;
@@ -128,52 +142,64 @@ void RowReader::find_lit() {
 }
 
 // Half way between lit and dark, for bits without their inverse: from the pairs there are, else
-// white and black, else the stripes' mean, else the bits themselves.
+// white and black, else the stripes' mean, else the bits themselves. Each pixel takes the first
+// that it has not lost: single frames of a bracket may be missing, and the others saturated.
 void RowReader::read_midpoint() {
-  midpoint_.assign(width_, 0.0F);
-  samples_.resize(width_);
-  const auto add = [&](std::size_t signal) {
-    signals_.copy(signal, samples_);
-    for (std::size_t col = 0; col < width_; ++col) midpoint_[col] += samples_[col];
-  };
-  float sample_count = 0;
-  for (const AxisPlan* axis : {&plan_.column, &plan_.row}) {
-    for (const BitSource& source : axis->bits) {
-      if (!is_pair(source)) continue;
-      sample_count += 2;
-      add(*source.plain);
-      add(*source.inverse);
+  read_middle_of_pairs();
+  if (plan_.white) {
+    signals_.copy(*plan_.white, samples_);
+    sums_ = samples_;
+    if (plan_.black) {
+      signals_.copy(*plan_.black, samples_);
+      for (std::size_t col = 0; col < width_; ++col) sums_[col] += samples_[col];
     }
-  }
-  if (sample_count == 0 && plan_.white) {
-    sample_count = 2;
-    add(*plan_.white);
-    if (plan_.black) add(*plan_.black);
-  }
-  if (sample_count > 0) {
-    for (float& value : midpoint_) value /= sample_count;
-    return;
+    for (std::size_t col = 0; col < width_; ++col)
+      if (std::isnan(midpoint_[col])) midpoint_[col] = sums_[col] / 2;
   }
   for (const auto& [axis, rows] :
        {std::pair(&plan_.column, &column_), std::pair(&plan_.row, &row_)}) {
     if (axis->families.empty()) continue;
     const PhaseFamily& family = axis->families.front().family;
     const double lit_frac = family.width_px == 0 ? 0.5 : family.width_px / family.period_px;
-    for (std::size_t col = 0; col < width_; ++col) {
-      midpoint_[col] = rows->families.front().mean[col] / static_cast<float>(2 * lit_frac);
-    }
-    return;
+    const auto per_mean = static_cast<float>(1 / (2 * lit_frac));
+    for (auto col = static_cast<std::size_t>(lit_begin_); col < static_cast<std::size_t>(lit_end_);
+         ++col)
+      if (std::isnan(midpoint_[col])) midpoint_[col] = rows->families.front().mean[col] * per_mean;
   }
   read_middle_of_bits();
+}
+
+// The mean of the pairs that a pixel has both sides of; NaN where there is none.
+void RowReader::read_middle_of_pairs() {
+  midpoint_.assign(width_, 0);
+  pair_count_.assign(width_, 0);
+  samples_.resize(width_);
+  sums_.resize(width_);
+  for (const AxisPlan* axis : {&plan_.column, &plan_.row})
+    for (const BitSource& source : axis->bits) {
+      if (!is_pair(source)) continue;
+      signals_.copy(*source.plain, samples_);
+      signals_.copy(*source.inverse, sums_);
+      for (std::size_t col = 0; col < width_; ++col) {
+        const float sum = samples_[col] + sums_[col];
+        if (std::isnan(sum)) continue;
+        midpoint_[col] += sum / 2;
+        pair_count_[col] += 1;
+      }
+    }
+  for (std::size_t col = 0; col < width_; ++col) midpoint_[col] /= pair_count_[col];
 }
 
 // Half way between the least and the most that the bits without their inverse show: nearly every
 // place is dark under some and lit under others.
 void RowReader::read_middle_of_bits() {
+  if (std::none_of(midpoint_.begin(), midpoint_.end(), [](float v) { return std::isnan(v); }))
+    return;
   least_.assign(width_, kInfinity);
   most_.assign(width_, -kInfinity);
   for (const AxisPlan* axis : {&plan_.column, &plan_.row}) {
     for (const BitSource& source : axis->bits) {
+      if (is_pair(source)) continue;
       signals_.copy(source.plain ? *source.plain : *source.inverse, samples_);
       for (std::size_t col = 0; col < width_; ++col) {
         least_[col] = std::min(least_[col], samples_[col]);  // in this order NaN is passed over
@@ -183,7 +209,7 @@ void RowReader::read_middle_of_bits() {
   }
   for (std::size_t col = 0; col < width_; ++col) {
     const bool is_seen = least_[col] <= most_[col];
-    midpoint_[col] = is_seen ? (least_[col] + most_[col]) / 2 : kNaN;
+    if (std::isnan(midpoint_[col]) && is_seen) midpoint_[col] = (least_[col] + most_[col]) / 2;
   }
 }
 

@@ -46,7 +46,8 @@ class RowReader {
   const AxisRow& row() const { return row_; }
   int lit_begin() const { return lit_begin_; }
   int lit_end() const { return lit_end_; }
-  bool has_lost_samples(int col) const { return lost_[static_cast<std::size_t>(col)] != 0; }
+  // Whether samples that the pixel lost leave a bit or a phase of an axis unread.
+  bool has_lost_readings(int col) const;
 
  private:
   struct Phasor {
@@ -66,6 +67,7 @@ class RowReader {
   static void store_phase(const FamilySource& source, const Phasor& phasor, std::size_t col,
                           FamilyRow& out);
   void read_midpoint();
+  void read_middle_of_pairs();
   void read_middle_of_bits();
 
   const PatternPlan& plan_;
@@ -79,7 +81,7 @@ class RowReader {
   AxisRow column_, row_;
   int lit_begin_ = 0, lit_end_ = 0;
   Row lost_;  // 0, or NaN
-  Row midpoint_, least_, most_, samples_;
+  Row midpoint_, pair_count_, least_, most_, samples_, sums_;
   std::vector<SampleRow> shifts_;
   // Weights for pixels that lost samples, by family and used shifts.
   std::map<std::pair<const FamilySource*, std::vector<char>>, std::optional<Demodulation>> partial_;

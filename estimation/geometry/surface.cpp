@@ -38,11 +38,14 @@ struct RawDepth {
 
 ProjectorReading reading_at(const Correspondence& correspondence, int row, int col) {
   ProjectorReading reading;
-  if (!correspondence.column_px.empty()) {
+  const auto is_told = [&](const Image<float>& position_px) {
+    return !position_px.empty() && !std::isnan(position_px.at(row, col));
+  };
+  if (is_told(correspondence.column_px)) {
     reading.column_px = double{correspondence.column_px.at(row, col)};
     reading.column_sd_px = double{correspondence.column_sd_px.at(row, col)};
   }
-  if (!correspondence.row_px.empty()) {
+  if (is_told(correspondence.row_px)) {
     reading.row_px = double{correspondence.row_px.at(row, col)};
     reading.row_sd_px = double{correspondence.row_sd_px.at(row, col)};
   }

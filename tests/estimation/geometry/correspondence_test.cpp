@@ -362,6 +362,58 @@ TEST(Correspondence, SaturatedSamplesAreLeftOut) {
   EXPECT_LT(columns.rms_px, 0.3);
 }
 
+// As where the short exposure of single patterns is missing: bits without an inverse are read
+// against the pairs that a pixel still has.
+TEST(Correspondence, SingleBitsAreReadBesidePairsWithASaturatedSide) {
+  const SyntheticScene scene = slanted_scene();
+  std::vector<PatternKind> kinds;
+  add_gray(kinds, Axis::kColumn, 9, 8, true);
+  add_gray(kinds, Axis::kColumn, 7, 0, false);
+  const std::size_t code_count = kinds.size();
+  add_stripes(kinds, Axis::kColumn, 40, 8, 1);
+  SyntheticFrames frames(scene, kinds);
+  for (std::size_t i = 2; i < code_count; ++i)
+    for (float& value : frames.frame(i).samples())
+      if (value > 0.3F) value = std::numeric_limits<float>::quiet_NaN();
+  const auto found = decode_correspondence(frames.signals(), kProjector, {});
+  const Errors columns = errors_of(found.column_px, found.column_sd_px, scene.column_px);
+  EXPECT_EQ(columns.valid_count, scene.height_px * scene.width_px);
+  EXPECT_LT(columns.rms_px, 1e-3);
+}
+
+TEST(Correspondence, LostSamplesAreTheReasonOnlyWhereTheyLeaveSomethingUnread) {
+  const SyntheticScene scene = slanted_scene();
+  for (const bool is_pair_lost : {false, true}) {
+    std::vector<PatternKind> kinds;
+    add_gray(kinds, Axis::kColumn, 6, 0);  // without the high bits nothing is placed
+    add_stripes(kinds, Axis::kColumn, 40, 8, 1);
+    SyntheticFrames frames(scene, kinds);
+    frames.frame(0).at(50, 60) = std::numeric_limits<float>::quiet_NaN();
+    if (is_pair_lost) frames.frame(1).at(50, 60) = std::numeric_limits<float>::quiet_NaN();
+    const auto found = decode_correspondence(frames.signals(), kProjector, {});
+    EXPECT_EQ(found.validity.at(50, 60), is_pair_lost ? kSaturated : kNoCorrespondence);
+    EXPECT_EQ(found.validity.at(50, 70), kNoCorrespondence);
+  }
+}
+
+TEST(Correspondence, AnAxisThatLacksBitsLeavesTheOther) {
+  const SyntheticScene scene = slanted_scene();
+  std::vector<PatternKind> kinds;
+  for (const PatternKind& kind : paper_kinds()) {
+    const auto* code = std::get_if<GrayCode>(&kind);
+    if (code == nullptr || code->axis == Axis::kColumn || code->bit != 9) kinds.push_back(kind);
+  }
+  const SyntheticFrames frames(scene, kinds);
+  const auto found = decode_correspondence(frames.signals(), kProjector, {});
+  const Errors columns = errors_of(found.column_px, found.column_sd_px, scene.column_px);
+  EXPECT_EQ(columns.valid_count, scene.height_px * scene.width_px);
+  EXPECT_LT(columns.rms_px, 1e-3);
+  const Errors rows = errors_of(found.row_px, found.row_sd_px, scene.row_px);
+  EXPECT_LT(valid_frac(rows, scene), 0.9);
+  EXPECT_EQ(rows.outlier_count, 0);
+  EXPECT_THAT(found.notes, ::testing::ElementsAre(HasSubstr("rows cannot be told from others")));
+}
+
 TEST(Correspondence, MissingShiftsDoNotBiasThePhase) {
   const SyntheticScene scene = slanted_scene();
   std::vector<PatternKind> kinds;

@@ -8,6 +8,8 @@ kinds of sessions are of the paper's method, and hold for the likelihood as well
 import json
 import math
 import os
+import random
+import shlex
 import shutil
 import struct
 import subprocess
@@ -29,6 +31,11 @@ def without_radiometry(manifest):
     for key in ("black_level", "saturation_level", "gain_e_per_dn", "read_noise_e"):
         del manifest["camera"][key]
     del manifest["calibration"]["irradiance"]
+
+
+def drop_frames(manifest, share):
+    draw = random.Random(2)
+    manifest["frames"] = [f for f in manifest["frames"] if draw.random() > share]
 
 
 class HeldBack(unittest.TestCase):
@@ -231,6 +238,44 @@ class HeldBack(unittest.TestCase):
             self.assertGreater(pull, 0.8, parameter)
             self.assertLess(pull, 1.25, parameter)
 
+    def test_the_papers_method_says_that_it_states_no_uncertainty(self):
+        self.make(**MONO)
+        self.assertIn("method lut states no uncertainty", self.estimate("--method", "lut"))
+        stated = {name.split(".")[0] for name in self.maps()["uncertainty"]}
+        self.assertEqual(stated, {"correspondence", "position"})
+        self.assertNotIn("states no uncertainty", self.estimate())
+        stated = {name.split(".")[0] for name in self.maps()["uncertainty"]}
+        self.assertEqual(stated, {"correspondence", "position", "indirect", *PARAMETERS})
+
+    def test_two_of_five_frames_missing(self):
+        """Of single bits only the long exposure is left, saturated where lit."""
+        self.recovered(0.04, edit=lambda manifest: drop_frames(manifest, 0.4), **MONO)
+
+    def test_an_axis_with_too_few_patterns_leaves_the_other(self):
+        """Rows lack bits; columns have their places."""
+        self.make(edit=lambda manifest: drop_frames(manifest, 0.6), **MONO)
+        notes = self.estimate()
+        self.assertIn("32 of 88 patterns have no frame", notes)
+        self.assertIn("Gray code lacks bits 6, 4, 1", notes)
+        maps = self.maps()
+        self.check_maps(maps, 0.04)
+        self.check_depth(maps)
+        for parameter in PARAMETERS:
+            self.assertLess(self.bias_and_pull(maps, parameter, least_count=200)[1], 1.25)
+
+    def test_columns_alone_under_a_vignetted_projector(self):
+        """Its rows are the surface's: at the upper and lower border they have a twentieth less."""
+        self.make(format="Mono12", size=[10, 50], mm_per_px=2.0, projector=[512, 400],
+                  vignetting=True,
+                  patterns=stripes("column", 40, 8, range(40)) + gray("column", 9))
+        self.estimate()
+        truth = self.truth["bands"][0]["diffuse_reflectance"]
+        reflectance = self.maps()["diffuse_reflectance"]["Y"]
+        for row in (5, 25, 48):
+            at = [v / truth - 1 for v in reflectance[10 * row:10 * (row + 1)] if math.isfinite(v)]
+            self.assertGreater(len(at), 7)
+            self.assertLess(abs(sum(at) / len(at)), 0.015, row)
+
     def test_projector_on_its_side_above_the_camera(self):
         self.recovered(0.03, methods=["likelihood"], median_mm=0.15, projector_roll_deg=90,
                        baseline_deg=-60, **MONO)
@@ -333,6 +378,20 @@ class HeldBack(unittest.TestCase):
         verified = self.ssrig("verify", self.session)
         self.assertEqual(verified.returncode, 4, verified.stderr)
         self.assertIn("frame_lost: the last one", verified.stdout)
+
+    def test_a_session_that_another_program_left_unfinished_is_not_for_resuming(self):
+        def edit(manifest):
+            manifest["state"] = "capturing"
+            manifest["frames"].pop()
+        self.session = os.path.join(self.folder, "it's a session")
+        self.make(edit=edit, **MONO)
+        self.assertIn("its state is capturing", self.estimate())
+        verified = self.ssrig("verify", self.session)
+        self.assertEqual(verified.returncode, 4, verified.stderr)
+        self.assertNotIn("--resume", verified.stdout)
+        self.assertIn("cannot be resumed: it has no journal", verified.stdout)
+        self.assertIn("ssrig estimate " + shlex.quote(self.session).replace("\"'\"", "\\'"),
+                      verified.stdout)
 
     def test_maps_of_an_earlier_run_go_or_stay_as_a_whole(self):
         self.make(**MONO)
