@@ -32,7 +32,7 @@ void show_flat(Report& report, const hw_sim::ScatterTable& table, int photons) {
     rows.rows.push_back({medium.name});
     for (std::size_t i = 0; i < medium.reflectance.size(); ++i) {
       const double found = hw_sim::transform(rings, hw_sim::kTruthFreqs_per_mm[i]).real();
-      const double expected = medium.reflectance[i], se = medium.standard_error(i);
+      const double expected = medium.reflectance[i], se = medium.standard_error[i];
       rows.rows.back().push_back(with_noise(found / expected - 1, se / expected));
       const double own_se = i == 0 ? 0 : std::sqrt(expected / photons);
       if (std::abs(found - expected) >

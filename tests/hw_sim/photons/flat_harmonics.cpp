@@ -137,8 +137,7 @@ Harmonic harmonic_of(const std::vector<Values>& batches, std::size_t freq) {
     imaginary.push_back(batch[freq].imag());
   }
   const Estimate re = estimate_of(real), im = estimate_of(imaginary);
-  return {{re.value, im.value},
-          std::hypot(re.standard_error, im.standard_error) / std::numbers::sqrt2};
+  return {{re.value, im.value}, std::max(re.standard_error, im.standard_error)};
 }
 
 // A path counts as much as the harmonic of which it is the largest share; what each reflects is

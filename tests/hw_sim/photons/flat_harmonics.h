@@ -26,7 +26,7 @@ struct FlatView {
 };
 struct Harmonic {
   std::complex<double> value;
-  double standard_error = 0;  // of real and imaginary part, their root mean square
+  double standard_error = 0;  // of real and imaginary part, the larger
 };
 
 // What a pattern exp(2 pi i f x) reflects: pi times the radiance at x = 0 over incident flux. Runs

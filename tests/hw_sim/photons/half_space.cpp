@@ -1,5 +1,7 @@
 #include "tests/hw_sim/photons/half_space.h"
 
+#include <math.h>  // j0, which <cmath> has as a slow std::cyl_bessel_j only
+
 #include <cmath>
 #include <fstream>
 #include <numbers>
@@ -31,9 +33,31 @@ Vec3 lambertian_direction(PhotonRandom& random) {
   return {sine * std::cos(azimuth), sine * std::sin(azimuth), -std::sqrt(1 - sine2)};
 }
 
-double TruthMedium::standard_error(std::size_t freq) const {
-  return std::sqrt(reflectance[freq] / photons);
+namespace {
+
+void set_standard_errors(std::vector<TruthMedium>& media) {
+  constexpr int kPhotons = 50'000;
+  for (TruthMedium& medium : media) medium.standard_error.assign(medium.reflectance.size(), 0.0);
+  PhotonRandom random(77);
+  for (int photon = 0; photon < kPhotons; ++photon)
+    walk_photon(0, random, [&](const PhotonExit& exit) {
+      const double radius = std::hypot(exit.x, exit.y);  // in 1 / sigma_s'
+      for (TruthMedium& medium : media) {
+        const double scale = medium.scattering.sigma_s_prime_per_mm;
+        const double kept = std::exp(-medium.scattering.sigma_a_per_mm / scale * exit.path_length);
+        for (std::size_t i = 0; i < medium.standard_error.size(); ++i) {
+          const double phase = 2 * std::numbers::pi * kTruthFreqs_per_mm[i] * radius / scale;
+          medium.standard_error[i] += exit.weight * std::pow(kept * ::j0(phase), 2) / kPhotons;
+        }
+      }
+    });
+  for (TruthMedium& medium : media)
+    for (std::size_t i = 0; i < medium.standard_error.size(); ++i)
+      medium.standard_error[i] = std::sqrt(
+          (medium.standard_error[i] - std::pow(medium.reflectance[i], 2)) / medium.photons);
 }
+
+}  // namespace
 
 std::vector<TruthMedium> read_truth(const std::filesystem::path& file) {
   std::vector<TruthMedium> media;
@@ -53,6 +77,7 @@ std::vector<TruthMedium> read_truth(const std::filesystem::path& file) {
       media.back().reflectance.push_back(reflectance);
     }
   }
+  set_standard_errors(media);
   return media;
 }
 

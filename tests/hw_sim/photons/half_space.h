@@ -36,8 +36,9 @@ struct TruthMedium {
   Scattering scattering;
   double photons = 0;
   std::vector<double> reflectance;  // by kTruthFreqs_per_mm
-  // A photon's weight is at most about 1: its variance is at most R at these frequencies.
-  double standard_error(std::size_t freq) const;
+  // Of the file, by kTruthFreqs_per_mm: each photon that leaves adds its weight times J0(k r), so
+  // photons of our own walk say how far that scatters, to a few percent of it.
+  std::vector<double> standard_error;
 };
 std::vector<TruthMedium> read_truth(const std::filesystem::path& file);
 

@@ -19,7 +19,7 @@ using estimation::Vec3;
 
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kFromLeft = std::numbers::pi;  // azimuth: light travels along x
-constexpr Scattering kCheekRed{0.0525, 1.2814}, kStubbleRed{0.4056, 0.9237};
+constexpr Scattering kCheekRed{0.0525, 1.2814}, kClearSkin{0.013, 1.09};
 
 TEST(HalfSpacePhotons, HarmonicsAreThoseOfAnotherMonteCarloCode) {
   const auto media = read_truth(SSRIG_TEST_DATA "/mc_truth_rf.csv");
@@ -28,12 +28,12 @@ TEST(HalfSpacePhotons, HarmonicsAreThoseOfAnotherMonteCarloCode) {
   std::array<double, kFreqs> off{}, variance{};  // of all media together
   for (const TruthMedium& medium : media) {
     const auto found =
-        flat_harmonics(volume_optics(medium.scattering), {}, kTruthFreqs_per_mm, 9600, 11);
+        flat_harmonics(volume_optics(medium.scattering), {}, kTruthFreqs_per_mm, 16000, 11);
     ASSERT_EQ(medium.reflectance.size(), kFreqs);
     for (std::size_t i = 0; i < kFreqs; ++i) {
       // The file's are per flux that enters.
       const double expected = medium.reflectance[i] * (1 - fresnel_reflectance(1, 1, kSkinIndex));
-      const double se = std::hypot(found[i].standard_error, medium.standard_error(i));
+      const double se = std::hypot(found[i].standard_error, medium.standard_error[i]);
       // Four: there are 48 of them.
       EXPECT_NEAR(found[i].value.real(), expected, (i == 0 ? 0.005 : 0.01) * expected + 4 * se)
           << medium.name << " at " << kTruthFreqs_per_mm[i] << "/mm";
@@ -95,19 +95,19 @@ TEST(HalfSpacePhotons, ForgottenAzimuthsTakeTheNoiseAndLeaveTheMean) {
       {},
       {.towards_lamp = outward(50 * kDegree, kFromLeft), .towards_eye = {}},
       {.towards_lamp = outward(50 * kDegree, kFromLeft), .towards_eye = outward(0.6, 0.7)}};
-  constexpr int kPaths = 8000;
+  constexpr int kPaths = 6400;
   for (const FlatView& view : views)
     for (const double freq_per_mm : {0.1, 0.5}) {
       SCOPED_TRACE(freq_per_mm);
-      const auto optics = volume_optics(kCheekRed);
+      const auto optics = volume_optics(kClearSkin);  // light goes far
       const auto plain = plain_harmonic(optics, view, freq_per_mm, kPaths);
       const Harmonic found = flat_harmonics(optics, view, {&freq_per_mm, 1}, kPaths, 71)[0];
       EXPECT_NEAR(found.value.real(), plain[0].value,
                   3.5 * std::hypot(plain[0].standard_error, found.standard_error));
       EXPECT_NEAR(found.value.imag(), plain[1].value,
                   3.5 * std::hypot(plain[1].standard_error, found.standard_error));
-      if (freq_per_mm == 0.5) {
-        EXPECT_LT(found.standard_error, 0.75 * plain[1].standard_error);
+      if (freq_per_mm == 0.5 && view.towards_lamp[0] == 0) {
+        EXPECT_LT(found.standard_error, 0.75 * plain[0].standard_error);
       }
     }
 }
