@@ -1,6 +1,4 @@
 // world-speed: what the virtual rig costs, from an empty cache to a captured session.
-#include <unistd.h>
-
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
@@ -11,16 +9,15 @@
 #include <utility>
 #include <vector>
 
-#include "capture/capture_job.h"
 #include "estimation/session/maps.h"
-#include "hw_sim/devices/in_process_rig.h"
-#include "hw_sim/world/head_world.h"
-#include "hw_sim/world/simulated_rig.h"
+#include "tests/bench/world_capture.h"
 #include "tests/capture/ledger_rig.h"
 
 namespace {
 
 namespace fs = std::filesystem;
+
+const bench::Program kProgram{"world-speed"};
 
 class Stopwatch {
  public:
@@ -76,7 +73,7 @@ std::unique_ptr<hw_sim::HeadWorld> make_world(const hw_sim::SimulatedRig& rig,
   if (!options.effects_file.empty()) {
     auto effects = hw_sim::read_effects(options.effects_file);
     if (!effects) {
-      std::fprintf(stderr, "world-speed: %s\n", effects.error().detail.c_str());
+      kProgram.complain(effects.error().detail);
       return nullptr;
     }
     scene.effects = *effects;
@@ -85,7 +82,7 @@ std::unique_ptr<hw_sim::HeadWorld> make_world(const hw_sim::SimulatedRig& rig,
   auto world =
       hw_sim::HeadWorld::create(rig.camera, rig.projector, rig.calibration, scene,
                                 [&](double, const std::string& what) { stages.enter(what); });
-  if (!world) std::fprintf(stderr, "world-speed: %s\n", world.error().detail.c_str());
+  if (!world) kProgram.complain(world.error().detail);
   return world ? std::move(*world) : nullptr;
 }
 
@@ -94,21 +91,13 @@ bool capture(const hw_sim::HeadWorld& world, const rig::RigFile& rig_file, const
   capture::CaptureOptions options;
   options.directory = folder;
   options.product = capture::CaptureProduct::kFramesAlone;
-  options.created = std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
-  const auto job = capture::CaptureJob::prepare(rig_file, options);
-  if (!job) {
-    std::fprintf(stderr, "world-speed: %s\n", job.error().message.c_str());
-    return false;
-  }
-  hw_sim::InProcessRig rig(world,
-                           {rig_file.projector, rig_file.trigger, rig_file.camera, {}, {}, {}});
   const Stopwatch watch;
-  const capture::CaptureResult result =
-      job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
+  const auto finished = bench::capture_in_process(kProgram, world, rig_file, options);
   row("capture of 88 x 2 frames, in process, written", watch);
-  if (result.exit_code != capture::ExitCode::kDone)
-    std::fprintf(stderr, "world-speed: %s\n", result.message.c_str());
-  return result.exit_code == capture::ExitCode::kDone;
+  if (!finished) return false;
+  const bool is_done = finished->result.exit_code == capture::ExitCode::kDone;
+  if (!is_done) kProgram.complain(finished->result.message);
+  return is_done;
 }
 
 bool capture_ledger() {
@@ -158,19 +147,12 @@ bool show_bounces(const hw_sim::SimulatedRig& rig, const SpeedOptions& options,
 }
 
 int run(SpeedOptions options) {
-  const auto rig_file = rig::read_rig_file(options.rig_file);
-  if (!rig_file) {
-    std::fprintf(stderr, "world-speed: %s\n", rig_file.error().detail.c_str());
-    return 2;
-  }
-  const auto rig = hw_sim::simulated_rig(*rig_file);
-  if (!rig) {
-    std::fprintf(stderr, "world-speed: %s\n", rig.error().detail.c_str());
-    return 2;
-  }
-  const fs::path scratch =
-      fs::temp_directory_path() / ("world-speed-" + std::to_string(::getpid()));
-  fs::create_directories(scratch);
+  const auto rig_file = bench::rig_file_of(kProgram, options.rig_file);
+  if (!rig_file) return 2;
+  const auto rig = bench::rig_of(kProgram, *rig_file);
+  if (!rig) return 2;
+  const bench::ScratchFolder folder(kProgram);
+  const fs::path& scratch = folder.path();
   if (options.is_cold) options.cache = scratch / "cache";
   std::printf("%d x %d, %s, %d threads\n\n| what | s | s of CPU |\n|---|---|---|\n",
               rig->camera.width_px, rig->camera.height_px, options.scene.c_str(), options.threads);
@@ -188,8 +170,6 @@ int run(SpeedOptions options) {
   }
   is_done = capture_ledger() && is_done;
   if (options.has_bounces) is_done = show_bounces(*rig, options, scratch) && is_done;
-  std::error_code ignored;
-  fs::remove_all(scratch, ignored);
   return is_done ? 0 : 1;
 }
 
