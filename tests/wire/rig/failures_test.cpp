@@ -13,6 +13,7 @@
 #include <fstream>
 #include <functional>
 #include <iterator>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <regex>
 #include <string>
@@ -30,6 +31,7 @@ using testing::HasSubstr;
 
 constexpr auto kPatience = std::chrono::seconds(150);
 constexpr auto kPollPeriod = std::chrono::milliseconds(5);
+constexpr int kSlotCount = 176;  // 88 patterns of two exposures
 constexpr int kDone = 0, kUsage = 2, kDevice = 3, kIncomplete = 4, kStorage = 5, kAborted = 130;
 
 std::string read_text(const fs::path& path) {
@@ -142,6 +144,13 @@ class Failures : public testing::Test {
         count += entry.path().extension() == ".tiff" ? 1 : 0;
     return count;
   }
+  std::map<std::string, std::string> frame_bytes() const {
+    std::map<std::string, std::string> files;
+    for (const auto& entry : fs::directory_iterator(only_session() / "frames"))
+      if (entry.path().extension() == ".tiff")
+        files[entry.path().filename()] = read_text(entry.path());
+    return files;
+  }
   void wait_until(const std::function<bool()>& is_so) {
     const auto deadline = rig::HostClock::now() + kPatience;
     while (!is_so() && rig::HostClock::now() < deadline) std::this_thread::sleep_for(kPollPeriod);
@@ -185,7 +194,7 @@ TEST_F(Failures, NoneInAGoodCaptureWhichASecondOneCannotDisturb) {
   EXPECT_THAT(output(),
               AllOf(HasSubstr("second: 3"), HasSubstr("controls the camera at 127.43.9.1"),
                     HasSubstr("176 of 176 slots filled")));
-  EXPECT_EQ(frame_count(), 176);
+  EXPECT_EQ(frame_count(), kSlotCount);
   expect_whole("complete");
 
   const fs::path again = folder() / "again";
@@ -324,15 +333,31 @@ TEST_F(Failures, FullDiskKeepsTheFramesSoFar) {
   expect_whole("failed");
 }
 
-TEST_F(Failures, KilledProgramLeavesWholeFramesAndNoProcess) {
+TEST_F(Failures, KilledProgramLeavesWholeFramesWhichTheNextStartNamesAndResumingFinishes) {
   auto child = start_on_rig({"sh", "-c", "\"$@\" & echo $! > \"$0\"; wait $!", folder() / "pid",
                              SSRIG, "capture", "--rig", rig(), "--out", out()});
-  wait_until([this] { return frame_count() >= 10; });
+  wait_until([this] { return frame_count() >= kSlotCount / 2; });
   kill(std::stoi(read_text(folder() / "pid")), SIGKILL);
   EXPECT_EQ(ended(child), 128 + SIGKILL);
   EXPECT_EQ(manifest()["state"], "capturing");
-  EXPECT_EQ(run({SSRIG, "verify", only_session()}), kIncomplete) << output();
   EXPECT_TRUE(fs::is_empty(folder() / "tmp")) << "left behind";
+  const auto frames = frame_bytes();
+  EXPECT_LT(frames.size(), static_cast<std::size_t>(kSlotCount));
+  EXPECT_EQ(run({SSRIG, "verify", only_session()}), kIncomplete) << output();
+
+  EXPECT_EQ(run(capture()), kDevice) << "there is no rig";
+  EXPECT_THAT(output(),
+              AllOf(HasSubstr(only_session().string() + " was interrupted: "),
+                    HasSubstr(" of " + std::to_string(kSlotCount) + " slots are good on the disk"),
+                    HasSubstr("--resume " + only_session().string())));
+
+  EXPECT_EQ(run_on_rig({SSRIG, "capture", "--rig", rig(), "--resume", only_session()}), kDone)
+      << output();
+  expect_whole("complete");
+  const auto finished = frame_bytes();
+  EXPECT_EQ(finished.size(), static_cast<std::size_t>(kSlotCount));
+  for (const auto& [name, bytes] : frames)
+    EXPECT_TRUE(finished.at(name) == bytes) << name << " was taken or written again";
 }
 
 TEST_F(Failures, KilledRigTakesEverythingWithIt) {

@@ -7,6 +7,9 @@
 #include <iterator>
 #include <optional>
 #include <system_error>
+#include <utility>
+
+#include "tests/capture/fault_matrix.h"
 
 namespace fs = std::filesystem;
 
@@ -19,7 +22,35 @@ std::string read_text(const fs::path& path) {
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
+std::string with_sequence_line(std::string toml, const std::string& line) {
+  const std::string section = "[sequence]\n";
+  return toml.insert(toml.find(section) + section.size(), line + "\n");
+}
+
 }  // namespace
+
+WireMode WireMode::of(int word_count, const char* const* words) {
+  WireMode mode;
+  if (word_count > 0) mode.sync = words[0];
+  if (word_count > 1) mode.pace = words[1];
+  return mode;
+}
+
+std::string WireMode::rig_text(std::string toml) const {
+  if (sync != "trigger_box") {
+    const std::size_t trigger = toml.find("[trigger]");
+    toml.erase(trigger, toml.find("[sequence]") - trigger);
+  }
+  toml = with_sequence_line(std::move(toml), "sync = \"" + sync + "\"");
+  return with_sequence_line(std::move(toml), "pace = \"" + pace + "\"");
+}
+
+bool WireMode::has_part_for(hw_sim::FaultKind kind) const {
+  capture::MatrixRig matrix_rig;
+  if (sync == "camera_line") matrix_rig.sync = rig::SyncMode::kCameraLine;
+  if (sync == "software") matrix_rig.sync = rig::SyncMode::kSoftware;
+  return matrix_rig.has_part_for(kind);
+}
 
 WireCapture::WireCapture() {
   std::string name = "/tmp/wfault.XXXXXX";  // short, for sockets
@@ -41,26 +72,14 @@ WireCapture::~WireCapture() {
 }
 
 void WireCapture::set_reopen_deadline(std::chrono::milliseconds time) const {
-  add_to_sequence("reopen_deadline_ms = " + std::to_string(time.count()));
+  const std::string toml = read_text(rig_file());
+  std::ofstream(rig_file()) << with_sequence_line(
+      toml, "reopen_deadline_ms = " + std::to_string(time.count()));
 }
 
-void WireCapture::set_sync(const std::string& sync) const {
-  std::string rig = read_text(rig_file());
-  const std::size_t trigger = rig.find("[trigger]");
-  rig.erase(trigger, rig.find("[sequence]") - trigger);
-  std::ofstream(rig_file()) << rig;
-  add_to_sequence("sync = \"" + sync + "\"");
-}
-
-void WireCapture::set_pace(const std::string& pace) const {
-  add_to_sequence("pace = \"" + pace + "\"");
-}
-
-void WireCapture::add_to_sequence(const std::string& line) const {
-  std::string rig = read_text(rig_file());
-  const std::string section = "[sequence]\n";
-  rig.insert(rig.find(section) + section.size(), line + "\n");
-  std::ofstream(rig_file()) << rig;
+void WireCapture::set_mode(const WireMode& mode) const {
+  const std::string toml = read_text(rig_file());
+  std::ofstream(rig_file()) << mode.rig_text(toml);
 }
 
 int WireCapture::run(const std::string& plan) const {

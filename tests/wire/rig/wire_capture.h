@@ -8,8 +8,21 @@
 #include <vector>
 
 #include "hw_sim/display/child_process.h"
+#include "hw_sim/faults/fault_plan.h"
 #include "rig/fault.h"
 #include "tests/wire/rig/ledger_session.h"
+
+// A sync mode and a pace, by their names in a rig file.
+struct WireMode {
+  std::string sync = "trigger_box", pace = "handshake";
+
+  // The first words' that there are.
+  static WireMode of(int word_count, const char* const* words);
+  // The text of ledger.toml as a rig file of this mode: without a box that has no part in it.
+  std::string rig_text(std::string toml) const;
+  // Has such a rig what this fault befalls, and can it see it?
+  bool has_part_for(hw_sim::FaultKind kind) const;
+};
 
 class WireCapture {
  public:
@@ -22,9 +35,7 @@ class WireCapture {
 
   // Into the rig file's [sequence], before run().
   void set_reopen_deadline(std::chrono::milliseconds time) const;
-  // Another sync mode, "camera_line" or "software", and no trigger box.
-  void set_sync(const std::string& sync) const;
-  void set_pace(const std::string& pace) const;
+  void set_mode(const WireMode& mode) const;
   // The exit code; once. `plan` is a plan of faults in TOML.
   int run(const std::string& plan) const;
   // The same in two steps; and ssrig by itself, without a rig around it.
@@ -38,6 +49,5 @@ class WireCapture {
 
  private:
   std::filesystem::path rig_file() const { return folder_ / "rig.toml"; }
-  void add_to_sequence(const std::string& line) const;
   std::filesystem::path folder_;
 };

@@ -1,7 +1,8 @@
 // Every fault at the first, a middle and the last slot and at rest, over the real wires, one
 // capture each: a line a fault, and failure if a frame is in a wrong slot, if a session is not what
-// its exit code says, or if a capture hangs. usage: wire_fault_places [FIRST_FAULT [LAST_FAULT]]
-// (numbers)
+// its exit code says, or if a capture hangs.
+// usage: wire_fault_places [FIRST_FAULT [LAST_FAULT [SYNC [PACE]]]] (numbers, then a rig file's
+// words)
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -19,9 +20,11 @@ struct Tally {
   int capture_count = 0, complete_count = 0, broken_count = 0;
 };
 
-std::string try_at(hw_sim::FaultKind kind, const std::string& place, Tally& tally) {
+std::string try_at(const WireMode& mode, hw_sim::FaultKind kind, const std::string& place,
+                   Tally& tally) {
   if (place == "at = \"idle\"" && !hw_sim::is_possible_idle(kind)) return "-";
   const WireCapture wire;
+  wire.set_mode(mode);
   const auto start = std::chrono::steady_clock::now();
   const int code =
       wire.run("faults = [{fault = \"" + std::string(to_string(kind)) + "\", " + place + "}]\n");
@@ -51,14 +54,17 @@ std::string try_at(hw_sim::FaultKind kind, const std::string& place, Tally& tall
 int main(int argc, char** argv) {
   const int first = argc > 1 ? std::atoi(argv[1]) : 0;
   const int last = argc > 2 ? std::atoi(argv[2]) : hw_sim::kFaultKindCount - 1;
+  const WireMode mode = WireMode::of(argc - 3, argv + 3);
   Tally tally;
+  std::printf("Sync mode %s, %s.\n\n", mode.sync.c_str(), mode.pace.c_str());
   std::printf(
       "| fault | at rest | first slot | middle slot | last slot |\n|---|---|---|---|---|\n");
   for (int number = first; number <= last; ++number) {
     const auto kind = static_cast<hw_sim::FaultKind>(number);
+    if (!mode.has_part_for(kind)) continue;
     std::string row = "| " + std::string(to_string(kind)) + " |";
     for (const char* place : {"at = \"idle\"", "slot = 0", "slot = 43", "slot = 87"})
-      row.append(" ").append(try_at(kind, place, tally)).append(" |");
+      row.append(" ").append(try_at(mode, kind, place, tally)).append(" |");
     std::printf("%s\n", row.c_str());
     std::fflush(stdout);
   }

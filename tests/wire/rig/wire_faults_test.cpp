@@ -67,7 +67,7 @@ TEST_F(WireFaults, AllThatPassGoUnseenInTheSession) {
 
 // The photodiode on the camera's line: no trigger box is plugged in.
 TEST_F(WireFaults, CameraLineNeedsNoTriggerBox) {
-  wire_.set_sync("camera_line");
+  wire_.set_mode({.sync = "camera_line"});
   std::string plan = "seed = 3\nfaults = [\n";
   int slot = 5;
   for (const char* fault :
@@ -82,13 +82,13 @@ TEST_F(WireFaults, CameraLineNeedsNoTriggerBox) {
 
 // No photodiode: the program measures how late it has to trigger, then does.
 TEST_F(WireFaults, SoftwareTriggerNeedsNoPhotodiode) {
-  wire_.set_sync("software");
+  wire_.set_mode({.sync = "software"});
   EXPECT_EQ(capture(""), kDone) << output();
   expect_complete_and_right();
 }
 
 TEST_F(WireFaults, PacedIsRightToo) {
-  wire_.set_pace("paced");
+  wire_.set_mode({.pace = "paced"});
   EXPECT_EQ(capture(""), kDone) << output();
   expect_complete_and_right();
 }

@@ -1,6 +1,7 @@
 // Captures without end over all the wires: one ssrig serve, the virtual rig's devices, and faults
 // at random. Fails if a frame is in a wrong slot, if a session is not what its state says, or if
-// the daemon's memory, descriptors or threads grow. usage: wire_soak COUNT [SEED]
+// the daemon's memory, descriptors or threads grow.
+// usage: wire_soak COUNT [SEED [SYNC [PACE]]] (a rig file's words)
 #include <unistd.h>
 
 #include <csignal>
@@ -19,6 +20,7 @@
 #include "hw_sim/faults/fault_plan.h"
 #include "tests/process_health.h"
 #include "tests/wire/rig/ledger_session.h"
+#include "tests/wire/rig/wire_capture.h"
 
 namespace {
 
@@ -34,10 +36,11 @@ std::string read_text(const fs::path& path) {
 }
 
 // Every kind of fault now and then: some five a capture, every other one with a lost device.
-std::string plan_of(std::uint64_t seed) {
+std::string plan_of(std::uint64_t seed, const WireMode& mode) {
   std::string plan = "seed = " + std::to_string(seed) + "\nfaults = [\n";
   for (int kind = 0; kind < hw_sim::kFaultKindCount; ++kind) {
     const auto fault = static_cast<hw_sim::FaultKind>(kind);
+    if (!mode.has_part_for(fault)) continue;
     const bool is_device = fault >= hw_sim::FaultKind::kUsbUnplugged;
     plan.append("{fault = \"").append(to_string(fault)).append("\", rate_frac = ");
     plan.append(is_device ? "0.001" : "0.002").append("},\n");
@@ -47,17 +50,17 @@ std::string plan_of(std::uint64_t seed) {
 
 class Soak {
  public:
-  explicit Soak(fs::path folder) : folder_(std::move(folder)) {
+  Soak(fs::path folder, WireMode mode) : folder_(std::move(folder)), mode_(std::move(mode)) {
     std::string rig = read_text(LEDGER_RIG);
     rig = std::regex_replace(rig, std::regex("127\\.43\\.10\\.1"), "127.43.11.1");
     rig = std::regex_replace(
         rig, std::regex("ledger_calibration.json"),
         (fs::path(LEDGER_RIG).parent_path() / "ledger_calibration.json").string());
-    std::ofstream(rig_file()) << rig << "\n[daemon]\nport = 8651\n";
+    std::ofstream(rig_file()) << mode_.rig_text(rig) << "\n[daemon]\nport = 8651\n";
   }
 
   int run(int capture_count, std::uint64_t seed) {
-    std::ofstream(folder_ / "plan.toml") << plan_of(seed);
+    std::ofstream(folder_ / "plan.toml") << plan_of(seed, mode_);
     auto daemon = start({SSRIG_SIM, "run", "--rig", rig_file(), "--scene", "ledger", "--faults",
                          folder_ / "plan.toml", "--", "sh", "-c", "echo $$ > \"$0\"; exec \"$@\"",
                          folder_ / "pid", SSRIG, "serve", "--rig", rig_file()},
@@ -147,11 +150,13 @@ class Soak {
     const auto fault_count =
         std::distance(std::sregex_iterator(log.begin(), log.end(), happened), {});
     std::printf(
-        "%d captures over the wires with %d faults: %d complete, %d failed with their cause, %d "
+        "sync mode %s, %s: %d captures over the wires with %d faults: %d complete, %d failed with "
+        "their cause, %d "
         "frames\nframes in a wrong slot: %d; sessions that are not what their state says: %d; the "
         "daemon ended with %d\n",
-        capture_count, static_cast<int>(fault_count), complete_count_, failed_count_, frame_count_,
-        wrong_frame_count_, false_state_count_, daemon_code);
+        mode_.sync.c_str(), mode_.pace.c_str(), capture_count, static_cast<int>(fault_count),
+        complete_count_, failed_count_, frame_count_, wrong_frame_count_, false_state_count_,
+        daemon_code);
     health_.print();
     std::printf("%s\n", health_.is_flat() ? "flat" : "NOT FLAT");
     return health_.is_flat() && wrong_frame_count_ == 0 && false_state_count_ == 0 &&
@@ -161,6 +166,7 @@ class Soak {
   }
 
   const fs::path folder_;
+  const WireMode mode_;
   HealthLog health_;
   int complete_count_ = 0, failed_count_ = 0, frame_count_ = 0;
   int wrong_frame_count_ = 0, false_state_count_ = 0;
@@ -173,7 +179,8 @@ int main(int argc, char** argv) {
   const std::uint64_t seed = argc > 2 ? std::strtoull(argv[2], nullptr, 10) : 1;
   std::string name = "/tmp/wsoak.XXXXXX";  // short, for sockets
   if (mkdtemp(name.data()) == nullptr) return 1;
-  const int exit_code = Soak(name).run(capture_count, seed);
+  const WireMode mode = WireMode::of(argc - 3, argv + 3);
+  const int exit_code = Soak(name, mode).run(capture_count, seed);
   if (exit_code == 0)
     fs::remove_all(name);
   else
