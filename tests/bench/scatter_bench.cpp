@@ -34,7 +34,7 @@ void show_flat(Report& report, const hw_sim::ScatterTable& table, int photons) {
       const double found = hw_sim::transform(rings, hw_sim::kTruthFreqs_per_mm[i]).real();
       const double expected = medium.reflectance[i], se = medium.standard_error[i];
       rows.rows.back().push_back(with_noise(found / expected - 1, se / expected));
-      const double own_se = i == 0 ? 0 : std::sqrt(expected / photons);
+      const double own_se = i == 0 ? 0 : se * std::sqrt(medium.photons / photons);
       if (std::abs(found - expected) >
           std::max((i == 0 ? 0.005 : 0.01) * expected, 3 * se) + 2 * own_se)
         report.fail(std::string("the table: ")

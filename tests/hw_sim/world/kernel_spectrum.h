@@ -2,6 +2,8 @@
 // walked by a third program: by direction of incidence and exit.
 #pragma once
 
+#include <math.h>  // j0, which <cmath> has as a slow std::cyl_bessel_j only
+
 #include <cmath>
 #include <complex>
 #include <filesystem>
@@ -24,16 +26,31 @@ inline Rings rings_of(const SkinKernel& kernel) {
   return rings;
 }
 
-// sum K exp(2 pi i f (offset along the way in)) over the plane.
+// The integral of K exp(2 pi i f (offset along the way in)) over the plane. K is linear in r^2
+// between knots, as SkinKernel::at() has it. The wave is not: where light goes far, knots lie a
+// third of its length apart, and a sum of it at the knots is off by 1% at six stripes per 12 mm.
 inline std::complex<double> transform(const Rings& rings, double freq_per_mm) {
+  constexpr double kMostPhase = 0.1;  // from one ring of the sum to the next
+  const double per_mm = 2 * std::numbers::pi * freq_per_mm;
   std::complex<double> sum = 0;
-  for (const SkinKernel::Ring& ring : rings) {
-    const double phase = 2 * std::numbers::pi * freq_per_mm * ring.radius_mm;
+  const auto add = [&](double radius_mm, double area_mm2, const auto& term) {
+    const double phase = per_mm * radius_mm;
     // Integrals over the circle of cos(m a) exp(i phase cos a): Bessel functions.
-    sum +=
-        ring.area_mm2 * (ring.terms[0] * std::cyl_bessel_j(0, phase) +
-                         std::complex<double>(0, 1) * ring.terms[1] * std::cyl_bessel_j(1, phase) -
-                         ring.terms[3] * std::cyl_bessel_j(2, phase));
+    sum += area_mm2 * (term(0) * ::j0(phase) + std::complex<double>(0, 1) * term(1) * ::j1(phase) -
+                       term(3) * ::jn(2, phase));
+  };
+  const auto r2 = [&](std::size_t knot) { return std::pow(rings[knot].radius_mm, 2); };
+  add(rings[0].radius_mm / std::numbers::sqrt2, std::numbers::pi * r2(0),
+      [&](std::size_t i) { return rings[0].terms[i]; });
+  for (std::size_t knot = 0; knot + 1 < rings.size(); ++knot) {
+    const SkinKernel::Ring &low = rings[knot], &high = rings[knot + 1];
+    const double steps = std::ceil(per_mm * (high.radius_mm - low.radius_mm) / kMostPhase + 1);
+    for (double step = 0.5; step < steps; ++step) {
+      const double share = step / steps;
+      add(std::sqrt(r2(knot) + share * (r2(knot + 1) - r2(knot))),
+          std::numbers::pi * (r2(knot + 1) - r2(knot)) / steps,
+          [&](std::size_t i) { return low.terms[i] + share * (high.terms[i] - low.terms[i]); });
+    }
   }
   return sum;
 }
