@@ -162,6 +162,7 @@ std::unique_ptr<MotionWatch> CaptureJob::make_watch(const Take& take, bool is_sh
       is_known ? good_bracket_count(*resumption_, *take.repeated) : bracket_count;
   return std::make_unique<MotionWatch>(
       manifest_, *take.repeated, known_count,
+      // Every frame, and the first showing's once more.
       static_cast<std::size_t>(take.plan.slot_count()) + bracket_count, is_shuffled);
 }
 

@@ -21,6 +21,18 @@ Json describe(const estimation::LocalChange& place) {
           {"sd_frac", place.sd_frac}};
 }
 
+Json describe(const estimation::BriefChange& change) {
+  Json json{{"patterns", change.patterns},
+            {"elapsed_s", change.elapsed_s},
+            {"change_frac", change.change_frac},
+            {"is_everywhere", change.is_everywhere}};
+  if (!change.is_everywhere) {
+    json["row_px"] = change.row_px;
+    json["col_px"] = change.col_px;
+  }
+  return json;
+}
+
 Json describe(const estimation::Repeat& repeat, const std::optional<estimation::Motion>& motion) {
   Json json{{"elapsed_s", repeat.elapsed_s}};
   if (!repeat.change) {
@@ -63,9 +75,12 @@ std::string format_motion(const WatchedMotion& motion) {
             {"text", report.text},
             {"reasons", report.reasons},
             {"pattern", motion.pattern},
-            {"repeats", Json::array()}};
+            {"repeats", Json::array()},
+            {"brief_changes", Json::array()}};
   for (std::size_t i = 0; i < report.repeats.size(); ++i)
     json["repeats"].push_back(describe(report.repeats[i], report.motions[i]));
+  for (const estimation::BriefChange& change : report.brief_changes)
+    json["brief_changes"].push_back(describe(change));
   return json.dump(2) + "\n";
 }
 

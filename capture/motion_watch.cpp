@@ -48,51 +48,74 @@ MotionWatch::MotionWatch(const estimation::Manifest& manifest, int pattern,
       scale_(scale_of(manifest, pattern)),
       period_px_(period_px(manifest.find_pattern(pattern)->kind) / scale_.projector_px_per_px),
       rules_(rules_for(is_shuffled)),
+      patterns_(manifest.patterns),
+      grid_(estimation::block_grid(camera_, axis_, period_px_)),
       bracket_count_(bracket_count),
       queue_(frame_count),
       thread_([this] { run(); }) {}
 
 MotionWatch::~MotionWatch() { queue_.close(); }
 
-void MotionWatch::push(std::optional<int> repeat, const CapturedFrame& frame) {
+void MotionWatch::push(Use use, int number, const CapturedFrame& frame) {
   last_arrival_ = std::max(last_arrival_.value_or(frame.frame->received), frame.frame->received);
   queue_.push(std::make_shared<const Item>(
-      Item{repeat, frame.slot.bracket, frame.evidence.edge, frame.frame, {}}));
+      Item{use, number, frame.slot.bracket, frame.evidence.edge, frame.frame, {}}));
 }
 
-void MotionWatch::add_first(const CapturedFrame& frame) { push(std::nullopt, frame); }
+void MotionWatch::add_first(const CapturedFrame& frame) { push(Use::kFirst, 0, frame); }
+
+void MotionWatch::add_any(const CapturedFrame& frame) {
+  push(Use::kAny, frame.slot.pattern, frame);
+}
 
 void MotionWatch::add_first(int bracket, rig::HostTime edge, estimation::Image<std::uint16_t> dn) {
   queue_.push(
-      std::make_shared<const Item>(Item{std::nullopt, bracket, edge, nullptr, std::move(dn)}));
+      std::make_shared<const Item>(Item{Use::kFirst, 0, bracket, edge, nullptr, std::move(dn)}));
 }
 
-void MotionWatch::add_repeat(int repeat, const CapturedFrame& frame) { push(repeat, frame); }
+void MotionWatch::add_repeat(int repeat, const CapturedFrame& frame) {
+  push(Use::kRepeat, repeat, frame);
+}
 
 void MotionWatch::know(estimation::Repeat repeat) { known_.push_back(std::move(repeat)); }
 
 void MotionWatch::run() {
   while (const auto item = queue_.pop()) {
-    if (!(*item)->repeat) {
-      firsts_[(*item)->bracket] = *item;
-      if (firsts_.size() == bracket_count_) choose_bracket();
-    } else {
-      waiting_.push_back(*item);
+    switch ((*item)->use) {
+      case Use::kAny:
+        look_at(**item);
+        continue;
+      case Use::kFirst:
+        firsts_[(*item)->bracket] = *item;
+        if (firsts_.size() == bracket_count_) choose_bracket();
+        break;
+      case Use::kRepeat:
+        waiting_.push_back(*item);
+        break;
     }
     if (!bracket_) continue;
     for (const auto& waiting : std::exchange(waiting_, {}))
       if (waiting->bracket == *bracket_) {
-        compare(*waiting->repeat, *waiting);
-        compared_[*waiting->repeat] = waiting;
+        compare(waiting->number, *waiting);
+        compared_[waiting->number] = waiting;
       }
   }
+  brief_changes_ = estimation::find_brief_changes(camera_, grid_, patterns_, seen_);
 }
 
-template <typename Use>
-void MotionWatch::with_samples(const Item& item, const Use& use) {
-  if (!item.frame) return use(item.stored.view());
+void MotionWatch::look_at(const Item& item) {
+  if (!first_seen_) first_seen_ = item.edge;
+  const double elapsed_s = std::chrono::duration<double>(item.edge - *first_seen_).count();
+  with_samples(item, [&](estimation::ImageView<const std::uint16_t> dn) {
+    seen_.push_back({item.number, item.bracket, elapsed_s, block_light(camera_, grid_, dn)});
+  });
+}
+
+template <typename Work>
+void MotionWatch::with_samples(const Item& item, const Work& work) {
+  if (!item.frame) return work(item.stored.view());
   const FrameSamples samples(*item.frame);
-  use(samples.view());
+  work(samples.view());
 }
 
 bool MotionWatch::hardly_clips(const Item& item) const {
@@ -141,7 +164,7 @@ estimation::MotionReport MotionWatch::finish() {
 estimation::MotionReport MotionWatch::judge() const {
   std::vector<estimation::Repeat> repeats = known_;
   for (const auto& [number, repeat] : repeats_) repeats.push_back(repeat);
-  return estimation::judge_motion(std::move(repeats), scale_, rules_);
+  return estimation::judge_motion(std::move(repeats), scale_, rules_, brief_changes_);
 }
 
 estimation::MotionReport MotionWatch::finish_by(const estimation::Maps& maps) {

@@ -1,4 +1,5 @@
-// Compares the repeats of a pattern with its first showing while the capture goes on.
+// Compares the repeats of a pattern with its first showing while the capture goes on, and looks at
+// every frame for what changes the light for a moment.
 #pragma once
 
 #include <chrono>
@@ -23,7 +24,7 @@ namespace capture {
 class MotionWatch {
  public:
   // `manifest` describes camera, projector and calibration, and has the pattern that is repeated.
-  // `frame_count`: at most so many frames come, first showing and repeats together.
+  // `frame_count`: at most so many frames come, first showings and repeats together.
   MotionWatch(const estimation::Manifest& manifest, int pattern, std::size_t bracket_count,
               std::size_t frame_count, bool is_shuffled);
   ~MotionWatch();
@@ -35,6 +36,8 @@ class MotionWatch {
   void add_first(int bracket, rig::HostTime edge, estimation::Image<std::uint16_t> dn);
   // A repeat that was compared before, ahead of all others; before any frame.
   void know(estimation::Repeat repeat);
+  // A frame of any of the session's patterns, `frame.slot`.
+  void add_any(const CapturedFrame& frame);
   // A frame of a repeat; `repeat` is its number from 1 on, whatever the order.
   void add_repeat(int repeat, const CapturedFrame& frame);
 
@@ -48,22 +51,25 @@ class MotionWatch {
   estimation::MotionReport finish_by(const estimation::Maps& maps);
 
  private:
+  enum class Use { kFirst, kRepeat, kAny };
   struct Item {
-    std::optional<int> repeat;  // none: of the first showing
+    Use use = Use::kFirst;
+    int number = 0;  // of a repeat; kAny: of the pattern
     int bracket = 0;
     rig::HostTime edge;
     std::shared_ptr<const rig::Frame> frame;
     estimation::Image<std::uint16_t> stored;  // where there is no frame
   };
-  void push(std::optional<int> repeat, const CapturedFrame& frame);
+  void push(Use use, int number, const CapturedFrame& frame);
   void run();
+  void look_at(const Item& item);
   void choose_bracket();
   void compare(int repeat, const Item& item);
   estimation::MotionReport judge() const;
   bool hardly_clips(const Item& item) const;
-  // Calls `use` with the samples, which live as long as the call.
-  template <typename Use>
-  static void with_samples(const Item& item, const Use& use);
+  // Calls `work` with the samples, which live as long as the call.
+  template <typename Work>
+  static void with_samples(const Item& item, const Work& work);
 
   const estimation::CameraInfo camera_;
   const estimation::Calibration calibration_;
@@ -71,6 +77,8 @@ class MotionWatch {
   const estimation::MotionScale scale_;
   const double period_px_;  // of the pattern in the frame
   const estimation::MotionRules rules_;
+  const std::vector<estimation::Pattern> patterns_;
+  const estimation::BlockGrid grid_;
   const std::size_t bracket_count_;
   std::vector<estimation::Repeat> known_;
   std::optional<rig::HostTime> last_arrival_;
@@ -80,6 +88,9 @@ class MotionWatch {
   std::vector<std::shared_ptr<const Item>> waiting_;   // repeats, for the first showing
   std::map<int, estimation::Repeat> repeats_;
   std::map<int, std::shared_ptr<const Item>> compared_;  // their frames
+  std::vector<estimation::SeenFrame> seen_;              // of all patterns
+  std::optional<rig::HostTime> first_seen_;
+  std::vector<estimation::BriefChange> brief_changes_;  // once it has ended
   BoundedQueue<std::shared_ptr<const Item>> queue_;
   std::jthread thread_;
 };

@@ -27,6 +27,7 @@ class FrameFork final : public FrameConsumer {
         take_.repeated == slot->pattern &&
         std::find(entry.is_open.begin(), entry.is_open.end(), false) == entry.is_open.end();
     if (sinks_.watch != nullptr && is_first) sinks_.watch->add_first(own);
+    if (sinks_.watch != nullptr) sinks_.watch->add_any(own);
     sinks_.writer.write(own);
     if (sinks_.estimate != nullptr) sinks_.estimate->add(own);
   }

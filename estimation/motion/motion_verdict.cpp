@@ -84,6 +84,19 @@ class Judgement {
     }
   }
 
+  void hear(const BriefChange& change) {
+    std::string text = "the light changed by " + percent(change.change_frac);
+    if (change.is_everywhere)
+      text += " all over (a flash?)";
+    else
+      text += " around row " + fixed(change.row_px, 0) + ", column " + fixed(change.col_px, 0) +
+              " (a blink?)";
+    text += change.patterns.size() == 1 ? " under pattern" : " under patterns";
+    for (std::size_t i = 0; i < change.patterns.size(); ++i)
+      text += (i == 0 ? " " : ", ") + std::to_string(change.patterns[i]);
+    object(MotionVerdict::kUsable, text + " after " + fixed(change.elapsed_s, 1) + " s");
+  }
+
   MotionReport report() const {
     MotionReport report;
     report.verdict = objection_verdict_;
@@ -201,14 +214,16 @@ Motion motion_of(const Repeat& repeat, const MotionScale& scale) {
 }
 
 MotionReport judge_motion(std::vector<Repeat> repeats, const MotionScale& scale,
-                          const MotionRules& rules) {
+                          const MotionRules& rules, std::vector<BriefChange> brief_changes) {
   Judgement judgement(scale, rules);
   std::vector<std::optional<Motion>> motions;
   for (const Repeat& repeat : repeats) {
     motions.push_back(repeat.change ? std::optional(motion_of(repeat, scale)) : std::nullopt);
     judgement.hear(repeat, motions.back());
   }
+  for (const BriefChange& change : brief_changes) judgement.hear(change);
   MotionReport report = judgement.report();
+  report.brief_changes = std::move(brief_changes);
   report.repeats = std::move(repeats);
   report.motions = std::move(motions);
   report.text = summary(report);

@@ -1,11 +1,13 @@
 // Has the subject held still and the light stayed as it was? Said of a whole capture, from the
-// repeats of its first pattern, by what such changes cost in the maps.
+// repeats of its first pattern, by what such changes cost in the maps; and from what changed for a
+// few patterns between them.
 #pragma once
 
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "estimation/motion/brief_change.h"
 #include "estimation/motion/frame_change.h"
 #include "estimation/motion/motion_scale.h"
 #include "estimation/motion/surface_motion.h"
@@ -56,10 +58,12 @@ struct MotionReport {
   std::vector<std::string> reasons;  // one clause each, with the numbers; none where all is good
   std::vector<Repeat> repeats;       // in the order of their showing
   std::vector<std::optional<Motion>> motions;  // of each
+  std::vector<BriefChange> brief_changes;      // in the order of their showing
   std::string text;  // one sentence: verdict, largest motion and change of light
 };
 
+// A brief change, however large, spoils a few patterns of many, and where it was: usable.
 MotionReport judge_motion(std::vector<Repeat> repeats, const MotionScale& scale,
-                          const MotionRules& rules);
+                          const MotionRules& rules, std::vector<BriefChange> brief_changes = {});
 
 }  // namespace estimation

@@ -145,5 +145,16 @@ TEST_F(FaceMotion, BlinkAtARepeatIsFoundAtTheEyes) {
   EXPECT_LT(report["repeats"][1]["stripes_projector_px"].get<double>(), 0.1);
 }
 
+TEST_F(FaceMotion, BlinkOfAFewPatternsBetweenRepeatsIsFound) {
+  hw_sim::Effects effects;
+  effects.blink_start_s = 1.0;
+  effects.blink_s = 0.15;
+  const nlohmann::json report = watch(effects);
+  EXPECT_EQ(report["verdict"], "usable");
+  for (const auto& repeat : report["repeats"]) EXPECT_TRUE(repeat["local_changes"].empty());
+  ASSERT_EQ(report["brief_changes"].size(), 1U);
+  EXPECT_NEAR(report["brief_changes"][0]["elapsed_s"].get<double>(), 1.0, 0.2);
+}
+
 }  // namespace
 }  // namespace capture

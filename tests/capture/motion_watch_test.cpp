@@ -11,6 +11,7 @@
 
 #include "capture/capture_job.h"
 #include "capture/take.h"
+#include "estimation/session/manifest.h"
 #include "estimation/session/verify.h"
 #include "tests/capture/striped_world.h"
 
@@ -90,6 +91,7 @@ TEST_F(WatchedCapture, StillHeadIsGoodAndTheSessionHoldsItsOwnSlotsAlone) {
   EXPECT_GT(report["verdict_ms"].get<double>(), 0);
   EXPECT_EQ(report["repeats"].size(), 4U);  // after 22, 44, 66 and all 80 patterns
   EXPECT_TRUE(report["reasons"].empty());
+  EXPECT_TRUE(report["brief_changes"].empty());
 }
 
 TEST_F(WatchedCapture, DriftIsTheVerdictsReasonInPixelsAndMillimetres) {
@@ -132,6 +134,52 @@ TEST_F(WatchedCapture, BlinkAtARepeatHasItsPlace) {
   ASSERT_FALSE(places.empty());
   EXPECT_NEAR(places[0]["row_px"].get<double>(), StripedWorld::kEyeRow, 8);
   EXPECT_NEAR(places[0]["col_px"].get<double>(), StripedWorld::kEyeCol, 8);
+}
+
+// The patterns of the session that were exposed within a time from the first of them.
+std::vector<int> patterns_within(const CaptureResult& result, double begin_s, double end_s) {
+  const auto manifest = estimation::read_manifest(result.session);
+  EXPECT_TRUE(manifest);
+  std::vector<int> patterns;
+  for (const estimation::FrameRecord& frame : manifest->frames) {
+    const double at_s = 1e-9 * static_cast<double>(*frame.camera_timestamp_ns -
+                                                   *manifest->frames.front().camera_timestamp_ns);
+    const bool is_new = patterns.empty() || patterns.back() != frame.pattern;
+    if (is_new && at_s >= begin_s && at_s < end_s) patterns.push_back(frame.pattern);
+  }
+  return patterns;
+}
+
+// At no repeat: of 80 patterns, each 22nd is followed by one. Nor under the four fringes after
+// either Gray code, which have too few relatives.
+TEST_F(WatchedCapture, BlinkBetweenRepeatsIsFoundUnderItsPatterns) {
+  for (const double begin_s : {1.0, 4.2}) {  // under stripes and under Gray code
+    SCOPED_TRACE(begin_s);
+    const double end_s = begin_s + 0.2;
+    const CaptureResult result =
+        capture([=](double s) { return Pose{.eye_light = s >= begin_s && s < end_s ? 0.5 : 1}; });
+    EXPECT_THAT(result.motion, StartsWith("usable: "));
+    EXPECT_THAT(result.motion, HasSubstr("(a blink?) under patterns "));
+    const nlohmann::json changes = report_of(result)["brief_changes"];
+    ASSERT_EQ(changes.size(), 1U);
+    EXPECT_NEAR(changes[0]["row_px"].get<double>(), StripedWorld::kEyeRow, 6);
+    EXPECT_NEAR(changes[0]["col_px"].get<double>(), StripedWorld::kEyeCol, 10);
+    EXPECT_LT(changes[0]["change_frac"].get<double>(), -0.1);
+    const std::vector<int> blinked = patterns_within(result, begin_s, end_s);
+    ASSERT_GE(blinked.size(), 2U);
+    const auto named = changes[0]["patterns"].get<std::vector<int>>();
+    EXPECT_GE(named.size(), 2U);
+    // The world's time is from the priming, and of a Gray code's pair either may be the one.
+    EXPECT_THAT(named, testing::Each(testing::AllOf(testing::Ge(blinked.front() - 3),
+                                                    testing::Le(blinked.back() + 2))));
+  }
+}
+
+TEST_F(WatchedCapture, FlashBetweenRepeatsIsToldAsOne) {
+  const CaptureResult result =
+      capture([](double s) { return Pose{.ambient_frac = s >= 2 && s < 2.1 ? 0.2 : 0}; });
+  EXPECT_THAT(result.motion, HasSubstr("all over (a flash?) under pattern"));
+  EXPECT_EQ(report_of(result)["brief_changes"].size(), 1U);
 }
 
 TEST_F(WatchedCapture, WithoutRepeatsNothingIsSaid) {
