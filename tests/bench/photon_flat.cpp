@@ -71,9 +71,7 @@ void show_flat_shift(Report& report, int paths) {
               .columns = {"incidence, degrees", "published", "photons", "standard error"}};
   const double freq_per_mm[] = {1 / 12.0};
   const hw_sim::VolumeOptics cheek_red = hw_sim::volume_optics({0.0525, 1.2814});
-  constexpr std::array<std::array<double, 2>, 4> kPublished = {
-      {{14, 0.12}, {30, 0.25}, {45, 0.35}, {60, 0.43}}};
-  for (const auto& [degrees, published_mm] : kPublished) {
+  for (const auto& [degrees, published_mm] : kPublishedShifts) {
     const auto first = hw_sim::flat_harmonics(
         cheek_red,
         {.towards_lamp = hw_sim::outward(degrees * kDegree, std::numbers::pi), .towards_eye = {}},
