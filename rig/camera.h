@@ -40,10 +40,15 @@ struct CameraSettings {
   Bracketing bracketing = Bracketing::kSequencer;
   std::string trigger_line = "Line1";
   TriggerEdge trigger_edge = TriggerEdge::kRising;
+  // How long the line must keep its level for an edge to count, where it takes edges of both kinds:
+  // a photodiode's comparator bounces. Each edge is as much later. Half a millisecond is longer
+  // than that, and little against a refresh.
+  std::chrono::microseconds line_debounce{500};
 };
 
 struct CameraIdentity {
   std::string vendor, model, serial, firmware;
+  std::string note = {};  // what it does without, one sentence with the remedy; empty: nothing
 };
 
 // Since arm(). -1 where the camera has no such counter.

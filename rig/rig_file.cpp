@@ -215,6 +215,7 @@ class Section {
 };
 
 constexpr int kSizeLimit_px = 65535;
+constexpr std::int64_t kDelayLimit_us = 1'000'000;
 
 template <typename Duration>
 std::function<void(std::int64_t)> into(Duration& target) {
@@ -250,6 +251,7 @@ void read_camera(Section& section, CameraSettings& camera, SensorSettings& senso
       {{"sequencer", Bracketing::kSequencer}, {"trigger_width", Bracketing::kTriggerWidth}},
       [&](Bracketing value) { camera.bracketing = value; });
   section.text("trigger_line", into(camera.trigger_line));
+  section.integer("line_debounce_us", 0, kDelayLimit_us, into(camera.line_debounce));
   section.number("black_level_dn", 0, 65535, [&](double value) { sensor.black_level_dn = value; });
   section.number("saturation_level_dn", 0, 65535,
                  [&](double value) { sensor.saturation_level_dn = value; });
@@ -280,7 +282,6 @@ void read_projector(Section& section, ProjectorSettings& projector) {
 }
 
 void read_trigger(Section& section, TriggerSettings& trigger) {
-  constexpr std::int64_t kDelayLimit_us = 1'000'000;
   section.integer("vendor_id", 0, 0xffff, into(trigger.vendor_id));
   section.integer("product_id", 0, 0xffff, into(trigger.product_id));
   section.text("serial", into(trigger.serial));

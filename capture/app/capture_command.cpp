@@ -169,6 +169,8 @@ CaptureResult capture_once(CaptureArguments arguments, const std::stop_token& st
     return refusal(ExitCode::kDevice, text);
   }
   std::fprintf(stderr, "%s\n", rig->projector().report().text.c_str());
+  if (const std::string& lack = rig->camera_note(); !lack.empty())
+    std::fprintf(stderr, "note: %s\n", lack.c_str());
   for (const std::string& warning : host_warnings(*rig_file))
     std::fprintf(stderr, "note: %s\n", warning.c_str());
   return drive(*rig, *job, stop);

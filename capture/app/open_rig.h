@@ -39,6 +39,7 @@ class OpenRig final : public rig::Reopener {
 
   // Those that open() opened.
   rig::GlfwProjector& projector() { return *projector_; }
+  const std::string& camera_note() const { return camera_.identity().note; }  // empty: none
   Devices devices() { return {*projector_, trigger(), camera_, *events_, this}; }
 
   // The projector's window finds its monitor again by itself; here is only asked whether it has.

@@ -109,6 +109,7 @@ class Daemon {
       snapshot.message = "Press capture.";
       snapshot.notes = host_warnings(rig_file_);
       snapshot.notes.insert(snapshot.notes.begin(), rig.projector().report().text);
+      if (!rig.camera_note().empty()) snapshot.notes.push_back(rig.camera_note());
       snapshot.interrupted = interrupted();
     });
     std::stop_source is_over;

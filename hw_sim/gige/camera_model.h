@@ -60,6 +60,7 @@ class CameraModel {
                   bool has_64_bit_id, GvspBlock& block);
 
   RegisterMap& registers() { return registers_; }
+  const RegisterMap& registers() const { return registers_; }
   const ExposureEngine& engine() const { return engine_; }
   // Exposures of one round of the sequencer; 1 without.
   int bracket_count() const;

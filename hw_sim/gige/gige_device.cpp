@@ -67,6 +67,7 @@ class GigeDevice::Impl {
   void pulse(rig::HostTime start, std::chrono::microseconds width);
   bool line(rig::HostTime time, bool is_high);
   GigeDeviceCounters counters() const;
+  float line_debounce_us() const;
 
   GigeFaults faults;
 
@@ -138,7 +139,8 @@ GigeDevice::Impl::Impl(const GigeDeviceOptions& options, const World& world,
               .width_px = world.width_px(),
               .height_px = world.height_px(),
               .pixel_formats = options.pixel_formats,
-              .has_any_edge = options.has_any_edge},
+              .has_any_edge = options.has_any_edge,
+              .has_debouncer = options.has_debouncer},
              options.readout,
              {.power_up = rig::HostClock::now(),
               .offset = options.clock_offset,
@@ -233,6 +235,11 @@ GigeDeviceCounters GigeDevice::Impl::counters() const {
           .sent_packet_count = stream.sent_packet_count,
           .resent_packet_count = stream.resent_packet_count,
           .lost_packet_count = stream.lost_packet_count};
+}
+
+float GigeDevice::Impl::line_debounce_us() const {
+  const std::lock_guard lock(mutex_);
+  return model_.registers().get_float(kLineDebouncerTime);
 }
 
 void GigeDevice::Impl::run_control(const std::stop_token& stop) {
@@ -510,5 +517,7 @@ bool GigeDevice::line(rig::HostTime time, bool is_high) { return impl_->line(tim
 GigeFaults& GigeDevice::faults() { return impl_->faults; }
 
 GigeDeviceCounters GigeDevice::counters() const { return impl_->counters(); }
+
+float GigeDevice::line_debounce_us() const { return impl_->line_debounce_us(); }
 
 }  // namespace hw_sim

@@ -32,7 +32,8 @@ struct GigeDeviceOptions {
   FaultSchedule* faults = nullptr;  // outlives the device
   // In a rig without a trigger box: it tells `faults` how far a capture is.
   bool is_the_trigger = false;
-  bool has_any_edge = true;  // TriggerActivation AnyEdge
+  bool has_any_edge = true;   // TriggerActivation AnyEdge
+  bool has_debouncer = true;  // LineDebouncerTime
 };
 
 struct GigeDeviceCounters {
@@ -66,6 +67,7 @@ class GigeDevice {
 
   GigeFaults& faults();
   GigeDeviceCounters counters() const;
+  float line_debounce_us() const;  // LineDebouncerTime, as it was written
 
  private:
   class Impl;

@@ -265,9 +265,22 @@ std::vector<Register> sequencer_and_data_registers() {
   };
 }
 
+std::vector<Register> line_registers(const DeviceDescription& description) {
+  if (!description.has_debouncer) return {};
+  return {enumeration(kLineSelector, "LineSelector", "DigitalIOControl",
+                      {{"Line1", value_of(TriggerSource::kLine1)}}, {"LineDebouncerTime"}),
+          {.address = kLineDebouncerTime,
+           .name = "LineDebouncerTime",
+           .kind = Kind::kFloat,
+           .category = "DigitalIOControl",
+           .max = 20'000,
+           .unit = "us"}};
+}
+
 std::vector<Register> make_table(const DeviceDescription& description) {
   std::vector<Register> table = bootstrap_registers();
-  for (auto&& rows : {imaging_registers(description), sequencer_and_data_registers()})
+  for (auto&& rows : {imaging_registers(description), sequencer_and_data_registers(),
+                      line_registers(description)})
     table.insert(table.end(), rows.begin(), rows.end());
   return table;
 }

@@ -89,6 +89,8 @@ enum RegisterAddress : std::uint32_t {
   kCounterEventSource = 0xA0A4,
   kCounterValue = 0xA0A8,
   kCounterReset = 0xA0AC,
+  kLineSelector = 0xA0B0,
+  kLineDebouncerTime = 0xA0B4,
 
   kXmlStart = 0x10000
 };
@@ -147,6 +149,7 @@ struct DeviceDescription {
   int height_px = 0;
   std::vector<std::string> pixel_formats;  // PFNC names; the first is the default
   bool has_any_edge = true;                // TriggerActivation; else RisingEdge alone
+  bool has_debouncer = true;               // LineDebouncerTime
 };
 
 // Memory and its rules; what a write sets in motion is camera_model.h. Not thread-safe.

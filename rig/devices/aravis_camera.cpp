@@ -38,6 +38,7 @@ constexpr gint kSocketBufferBytes = 16 << 20;   // the kernel grants net.core.rm
 constexpr int kReceiverPriority = 10;           // SCHED_RR, above every ordinary thread
 constexpr double kExposureRoundingFrac = 0.01;  // cameras round to their line time
 constexpr double kExposureRoundingMinUs = 5;
+constexpr double kDebounceRoundingFrac = 0.1;  // to the ticks of some clock of the camera's
 constexpr std::uint32_t kPrimaryApplicationAddress = 0x0A14;  // GigE Vision bootstrap register
 
 template <typename T>
@@ -63,6 +64,7 @@ constexpr std::array<ChunkName, 2> kSetChunks{
      {"SequenceSetIndex", "ChunkSequenceSetIndex"}}};  // Basler ace, GigE
 // SFNC, and the name of before SFNC 1.5 (Aravis' fake camera).
 constexpr std::array<const char*, 2> kExposureNames{"ExposureTime", "ExposureTimeAbs"};
+constexpr std::array<const char*, 2> kDebouncerNames{"LineDebouncerTime", "LineDebouncerTimeAbs"};
 constexpr std::array<const char*, 2> kFirmwareNames{"DeviceFirmwareVersion", "DeviceVersion"};
 
 // How the clock is read: SFNC's names, and those of GigE Vision 1 (SFNC before 2.0).
@@ -444,6 +446,7 @@ class AravisCamera::Impl {
   Result<void> set_counters();
   Result<void> set_trigger();
   Result<void> set_trigger_edge();
+  Result<void> set_line_debounce();
 
   Result<void> check_exposures(const std::vector<std::chrono::microseconds>& exposures) const;
   Result<void> set_exposures(const std::vector<std::chrono::microseconds>& exposures);
@@ -463,6 +466,13 @@ class AravisCamera::Impl {
     if (!result && result.error().fault == Fault::kDeviceLost)
       loss_->report("the camera at " + settings_.address + " no longer answers");
     return result;
+  }
+  // The same, and: the camera was ours when it was opened, and nothing that is asked of it in this
+  // way is ever locked, so that who is denied it has lost the control.
+  Result<void> noting_theft(Result<void> result) {
+    if (result || result.error().fault != Fault::kAccessDenied) return noting_loss(result);
+    loss_->report("another program took the control of the camera at " + settings_.address);
+    return tl::unexpected(lost_error());
   }
   Error lost_error() const {
     return {Fault::kDeviceLost, "the camera at " + settings_.address + " is lost; open it anew"};
@@ -715,7 +725,35 @@ Result<void> AravisCamera::Impl::set_trigger_edge() {
     return failure(Fault::kUnsupported,
                    at("the camera at ") +
                        " does not say with its frames how many triggers it has seen" + kRemedy);
-  return features_.set_text("TriggerActivation", "AnyEdge");
+  return in_order([&] { return features_.set_text("TriggerActivation", "AnyEdge"); },
+                  [&] { return set_line_debounce(); });
+}
+
+// Each bounce of the photodiode would be a trigger.
+Result<void> AravisCamera::Impl::set_line_debounce() {
+  const std::string remedy = "correct camera.line_debounce_us in the rig file";
+  const auto wanted_us = static_cast<double>(settings_.line_debounce.count());
+  if (features_.has("LineSelector"))
+    if (auto set = features_.set_text("LineSelector", settings_.trigger_line); !set) return set;
+  for (const char* name : kDebouncerNames) {
+    if (!features_.has(name)) continue;
+    const auto bounds = features_.number_bounds(name);
+    if (!bounds) return tl::unexpected(bounds.error());
+    if (wanted_us < bounds->first || wanted_us > bounds->second)
+      return failure(Fault::kOutOfRange,
+                     at("the camera at ") + " takes " + name + " from " +
+                         std::to_string(std::llround(bounds->first)) + " to " +
+                         std::to_string(std::llround(bounds->second)) + " us, not " +
+                         std::to_string(settings_.line_debounce.count()) + " us; " + remedy);
+    return advising(
+        features_.set_number(name, wanted_us, std::max(1.0, kDebounceRoundingFrac * wanted_us)),
+        remedy);
+  }
+  if (settings_.line_debounce.count() > 0)
+    identity_.note = at("the camera at ") + " has no LineDebouncerTime: an edge of " +
+                     settings_.trigger_line +
+                     " that bounces is several triggers; see that the photodiode's level is clean";
+  return {};
 }
 
 Result<void> AravisCamera::Impl::arm(const std::vector<std::chrono::microseconds>& exposures,
@@ -724,13 +762,9 @@ Result<void> AravisCamera::Impl::arm(const std::vector<std::chrono::microseconds
   if (acquisition_) return failure(Fault::kBusy, "the camera is armed already; disarm it first");
   if (exposures.empty() || frame_count < 1)
     return failure(Fault::kOutOfRange, "arming needs at least one exposure and one frame");
-  Result<void> armed = noting_loss(in_order([&] { return check_exposures(exposures); },
-                                            [&] { return set_exposures(exposures); },
-                                            [&] { return start_acquisition(frame_count); }));
-  if (armed || armed.error().fault != Fault::kAccessDenied) return armed;
-  // It was ours when it was opened, and nothing that is set here is ever locked while it rests.
-  loss_->report("another program took the control of the camera at " + settings_.address);
-  return tl::unexpected(lost_error());
+  return noting_theft(in_order([&] { return check_exposures(exposures); },
+                               [&] { return set_exposures(exposures); },
+                               [&] { return start_acquisition(frame_count); }));
 }
 
 Result<void> AravisCamera::Impl::check_exposures(
@@ -948,7 +982,7 @@ Result<CameraClockSample> AravisCamera::Impl::read_clock() {
   for (const ClockNames& names : kClockNames) {
     if (!features_.has(names.latch)) continue;
     const HostTime asked = HostClock::now();
-    if (auto latched = noting_loss(features_.execute(names.latch)); !latched)
+    if (auto latched = noting_theft(features_.execute(names.latch)); !latched)
       return tl::unexpected(latched.error());
     const HostTime answered = HostClock::now();
     const Result<std::int64_t> ticks = noting_loss(features_.integer(names.value));
@@ -971,7 +1005,7 @@ Result<void> AravisCamera::Impl::trigger_software() {
   if (settings_.trigger_line != kSoftwareTrigger)
     return failure(Fault::kUnsupported,
                    "the trigger line is " + settings_.trigger_line + ", not Software");
-  return noting_loss(features_.execute("TriggerSoftware"));
+  return noting_theft(features_.execute("TriggerSoftware"));
 }
 
 AravisCamera::AravisCamera(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

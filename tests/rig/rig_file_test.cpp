@@ -60,6 +60,7 @@ TEST(RigFile, TheExampleShowsTheDefaults) {
   EXPECT_EQ(example->sequence.frame_deadline, minimal->sequence.frame_deadline);
   EXPECT_EQ(example->sequence.retake_limit, minimal->sequence.retake_limit);
   EXPECT_EQ(example->sequence.reopen_deadline, minimal->sequence.reopen_deadline);
+  EXPECT_EQ(example->camera.line_debounce, minimal->camera.line_debounce);
   EXPECT_EQ(example->daemon.port, minimal->daemon.port);
   EXPECT_EQ(example->storage.directory, minimal->storage.directory);
 }

@@ -254,6 +254,17 @@ TEST_F(CameraFaults, ControlThatIsGoneWhenArmingIsALostCamera) {
   EXPECT_EQ(second.error().fault, rig::Fault::kAccessDenied) << second.error().detail;
 }
 
+// Sync modes without a trigger box ask for the clock as the last thing before they run.
+TEST_F(CameraFaults, ControlThatIsGoneWhenTheClockIsReadIsALostCamera) {
+  ASSERT_NO_FATAL_FAILURE(open_and_arm(2));
+  faults().is_control_taken = true;
+  faults().is_control_kicked = true;
+  collect(rig::HostClock::now() + milliseconds(60), [] { return false; });
+  const auto clock = camera_->read_clock();
+  ASSERT_FALSE(clock.has_value());
+  EXPECT_EQ(clock.error().fault, rig::Fault::kDeviceLost) << clock.error().detail;
+}
+
 TEST_F(CameraFaults, LostPowerIsADeviceFaultAndFramesStay) {
   ASSERT_NO_FATAL_FAILURE(open_and_arm(2));
   pulse(1);
@@ -322,6 +333,39 @@ TEST_F(CameraFaults, AnyEdgeOfTheLineIsATrigger) {
     collect(rig::HostClock::now() + milliseconds(10), [] { return false; });
   }
   expect(3, 0);
+}
+
+// set_number() reads it back.
+TEST_F(CameraFaults, APhotodiodesBouncesAreFilteredByTheCamera) {
+  auto bench = std::make_unique<WireBench>();
+  bench->settings.trigger_edge = rig::TriggerEdge::kAny;
+  bench->settings.line_debounce = microseconds(300);
+  ASSERT_NO_FATAL_FAILURE(open(std::move(bench)));
+  EXPECT_FLOAT_EQ(bench_->device().line_debounce_us(), 300);
+  EXPECT_EQ(camera_->identity().note, "");
+}
+
+TEST(GigeDevice, ADebouncerOutOfRangeIsNamedWithItsKey) {
+  WireBench bench;
+  bench.settings.trigger_edge = rig::TriggerEdge::kAny;
+  bench.settings.line_debounce = milliseconds(30);
+  const auto camera = bench.open();
+  ASSERT_FALSE(camera.has_value());
+  EXPECT_EQ(camera.error().fault, rig::Fault::kOutOfRange);
+  EXPECT_THAT(camera.error().detail, HasSubstr("takes LineDebouncerTime from 0 to 20000 us, not "
+                                               "30000 us; correct camera.line_debounce_us"));
+}
+
+TEST(GigeDevice, ACameraWithoutADebouncerDoesWithoutAndSaysSo) {
+  for (const bool is_any_edge : {true, false}) {
+    WireBench bench;
+    bench.options.has_debouncer = false;
+    if (is_any_edge) bench.settings.trigger_edge = rig::TriggerEdge::kAny;
+    const auto camera = bench.open();
+    ASSERT_TRUE(camera.has_value()) << camera.error().detail;
+    EXPECT_EQ((*camera)->identity().note.find("has no LineDebouncerTime") != std::string::npos,
+              is_any_edge);
+  }
 }
 
 TEST_F(CameraFaults, OnlyARiseIsATriggerUnlessAskedFor) {
