@@ -100,7 +100,7 @@ class Runner {
     if (const auto armed = devices_.camera.arm(plan_.exposures, arm.frame_count); !armed)
       pending_.push_back(CommandRefused{rig::Device::kCamera, armed.error()});
     else if (const auto fires = devices_.trigger.arm(plan_.exposures, arm.run_id); !fires)
-      pending_.push_back(CommandRefused{rig::Device::kTrigger, fires.error()});
+      pending_.push_back(CommandRefused{devices_.trigger.device(), fires.error()});
     else
       pending_.push_back(Armed{});
   }

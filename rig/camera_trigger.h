@@ -30,6 +30,7 @@ class CameraTrigger final : public Trigger, public EventSink {
   void watch(Camera& camera) { camera_ = &camera; }
 
   const TriggerIdentity& identity() const override { return identity_; }
+  Device device() const override { return Device::kCamera; }
   // After the camera was armed. `pulse_widths` are its exposures, which take turns. Errors: those
   // of Camera::read_clock().
   Result<void> arm(const std::vector<std::chrono::microseconds>& pulse_widths,

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "rig/event.h"
 #include "rig/fault.h"
 
 namespace rig {
@@ -46,6 +47,9 @@ class Trigger {
   virtual ~Trigger() = default;
 
   virtual const TriggerIdentity& identity() const = 0;
+
+  // What is lost if arm() says so: the camera, where it is its own trigger box.
+  virtual Device device() const { return Device::kTrigger; }
 
   // Idle -> Armed: each edge of the photodiode is answered with one pulse per element of
   // `pulse_widths`. The configuration is written, read back and compared; counters restart at 1

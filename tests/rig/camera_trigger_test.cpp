@@ -129,6 +129,7 @@ TEST_F(CameraTriggerTest, ACameraWithoutAClockIsRefused) {
   const auto armed = trigger_.arm({milliseconds(10)}, 2);
   ASSERT_FALSE(armed);
   EXPECT_EQ(armed.error().fault, Fault::kUnsupported);
+  EXPECT_EQ(trigger_.device(), Device::kCamera) << "which is then to be opened anew";
 }
 
 }  // namespace
