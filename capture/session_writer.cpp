@@ -88,10 +88,11 @@ Result<void> copy_auxiliary_files(const fs::path& folder, const fs::path& calibr
     const fs::path name = fs::path("calibration") / source.filename();
     std::error_code error;
     fs::create_directories(folder / "calibration", error);
-    // Whole under its name or not there, as every file of a session.
     const fs::path temporary = folder / (name.string() + ".tmp");
     if (!error) fs::copy_file(source, temporary, error);
-    if (!error) fs::rename(temporary, folder / name, error);
+    // Whole under its name or not there, as every file of a session.
+    if (!error)
+      if (auto placed = estimation::put_in_place(temporary, folder / name); !placed) return placed;
     if (error)
       return tl::unexpected(InputError{InputFault::kNotFound, source.string(), "",
                                        "a file of the calibration cannot be copied (" +

@@ -19,10 +19,6 @@ std::string objection_to_name(const std::string& name);
 Result<std::vector<std::byte>> read_file(const std::filesystem::path& path,
                                          std::uint64_t max_byte_count);
 
-// Gives a file that was written under another name its own: synced, renamed, the folder synced, so
-// that it is whole or absent whatever happens. Errors: kUnwritable, about `path`.
-Result<void> put_in_place(const std::filesystem::path& written, const std::filesystem::path& path);
-
 // What an errno of a failed read or write means and what to do about it.
 std::string explain_errno(int error_number);
 

@@ -30,4 +30,8 @@ std::string sha256_hex(const std::vector<std::byte>& bytes);
 Result<void> write_file_atomically(const std::filesystem::path& path,
                                    const std::vector<std::byte>& bytes);
 
+// Gives a file that was written under another name its own: synced, renamed, the folder synced, so
+// that it is whole or absent whatever happens. Errors: kUnwritable, about `path`.
+Result<void> put_in_place(const std::filesystem::path& written, const std::filesystem::path& path);
+
 }  // namespace estimation

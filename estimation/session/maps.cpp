@@ -8,6 +8,7 @@
 
 #include "estimation/session/exr.h"
 #include "estimation/session/files.h"
+#include "estimation/session/frame_io.h"
 
 namespace estimation {
 namespace {
@@ -147,10 +148,10 @@ Result<void> replace_maps(const fs::path& folder, const fs::path& staging,
   for (const std::string& name : names) {
     std::error_code error;
     if (fs::exists(staging / name, error)) {
-      fs::rename(staging / name, folder / name, error);
-    } else {
-      fs::remove(folder / name, error);
+      if (auto placed = put_in_place(staging / name, folder / name); !placed) return placed;
+      continue;
     }
+    fs::remove(folder / name, error);
     if (error) return tl::unexpected(unwritable(folder / name, error));
   }
   return {};

@@ -8,6 +8,7 @@
 #include <system_error>
 
 #include "estimation/session/files.h"
+#include "estimation/session/frame_io.h"
 
 namespace estimation {
 namespace {
