@@ -45,9 +45,10 @@ Result<Image<float>> read_single(const std::filesystem::path& session,
   return std::move(image);
 }
 
+// Dark frames know each pixel and exposure: where there are any, one level for all is not asked.
 Result<CameraBlack> read_black(const Manifest& manifest, const std::filesystem::path& session) {
-  if (manifest.camera.black_level_dn) return CameraBlack(*manifest.camera.black_level_dn);
-  if (manifest.camera.dark_frames.empty()) return CameraBlack(0.0);  // geometry needs no black
+  if (manifest.camera.dark_frames.empty())  // geometry needs no black
+    return CameraBlack(manifest.camera.black_level_dn.value_or(0));
   std::vector<CameraBlack::Dark> darks;
   for (const DarkFrame& dark : manifest.camera.dark_frames) {
     auto frame = read_frame(session, manifest, dark.file);

@@ -9,6 +9,7 @@
 #include <limits>
 #include <vector>
 
+#include "estimation/geometry/smoothing.h"
 #include "tests/estimation/geometry/synthetic_frames.h"
 #include "tests/estimation/geometry/synthetic_rig.h"
 
@@ -334,6 +335,28 @@ TEST(Surface, NoRadiusLeavesPositionsAsTriangulated) {
   const double rms =
       std::sqrt(errors.normalized_square_sum / static_cast<double>(errors.position_mm.size()));
   EXPECT_NEAR(rms, 1, 0.05);
+}
+
+// A camera so coarse that a window is 3 x 3: its slopes are those of cubics, not off by a sixth of
+// their third derivative.
+TEST(Surface, SlopesOfACoarseCameraAreExactForCubics) {
+  constexpr int kSide = 15, kMiddle = 7;
+  Image<float> inverse_per_mm(kSide, kSide), relative_sd(kSide, kSide, 1, 1e-5F);
+  for (int row = 0; row < kSide; ++row)
+    for (int col = 0; col < kSide; ++col) {
+      const double x = col - kMiddle, y = row - kMiddle;
+      inverse_per_mm.at(row, col) = static_cast<float>(1e-3 + 4e-6 * x - 3e-6 * y + 2e-7 * x * y +
+                                                       6e-8 * x * x * x - 5e-8 * y * y * y);
+    }
+  FitRow middle;
+  fit_locally({inverse_per_mm.view(), relative_sd.view()}, {.radius_px = 1},
+              [&](int row, const FitRow& fit) {
+                if (row == kMiddle) middle = fit;
+              });
+  EXPECT_FLOAT_EQ(middle.inverse_depth_per_mm[kMiddle], 1e-3F);
+  EXPECT_NEAR(double{middle.by_col[kMiddle]} / 4e-6, 1, 1e-3);
+  EXPECT_NEAR(double{middle.by_row[kMiddle]} / -3e-6, 1, 1e-3);
+  EXPECT_NEAR(double{middle.by_col[kMiddle + 3]} / (4e-6 + 3 * 6e-8 * 9), 1, 1e-3);
 }
 
 TEST(Surface, SameBitsForAnyNumberOfThreads) {

@@ -210,6 +210,11 @@ class HeldBack(unittest.TestCase):
                        camera_distortion=[-0.2, 0.1, 0.001, -0.002, 0.05],
                        projector_distortion=[0.1, -0.2, 0.002, 0.001, 0])
 
+    def test_dark_frames_beside_a_black_level_are_not_ignored(self):
+        notes = self.recovered(methods=["likelihood"], dark_frames=True, **MONO, edit=lambda m:
+                               m["camera"].update(black_level=500))
+        self.assertNotIn("do not look like", notes)
+
     def test_optics_by_depth_and_tilt(self):
         self.recovered(blur_px=0.8, transfer="depth", tilt_deg=50, azimuth_deg=0, **MONO)
 
