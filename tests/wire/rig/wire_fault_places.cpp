@@ -34,6 +34,7 @@ std::string try_at(const WireMode& mode, hw_sim::FaultKind kind, const std::stri
   bool is_kept = code == kDone || code == kDevice || code == kIncomplete;
   for (const auto& path : wire.sessions()) {
     const LedgerSession session = wire.judge(path);
+    for (const std::string& wrong : session.wrong_frames) std::printf("WRONG: %s\n", wrong.c_str());
     is_kept = is_kept && session.wrong_frames.empty() &&
               (session.state == "complete") == (code == kDone) &&
               (code != kDone || session.frame_count == 176);
