@@ -23,6 +23,9 @@ constexpr int kFewestShifts = 16, kFewestPairs = 6;
 // A relative that is known no better than this: the sensor is not that linear, and people breathe.
 constexpr double kFloorFrac = 0.003;
 constexpr double kSure = 8, kLeastFrac = 0.05;
+// Of a block's mean light, root sum of squares of the harmonics: more, and it lies across a border
+// and goes from light to dark as the stripes cross it, with edges that few harmonics do not follow.
+constexpr double kMostModulation = 0.5;
 constexpr double kFewestValidFrac = 0.8;  // of a block's frames
 constexpr double kLitFrac = 0.1;          // of the brightest blocks
 constexpr double kEverywhereFrac = 0.5;   // of the lit blocks
@@ -125,6 +128,9 @@ std::optional<Relatives> fit_shifts(const std::vector<Terms>& design,
       weights[i] = std::isnan(surplus[i]) ? 0 : (1 - part * part) * (1 - part * part);
     }
   }
+  double squares = 0;
+  for (std::size_t a = 1; a < kTerms; ++a) squares += found[a] * found[a];
+  if (!(std::sqrt(squares) < kMostModulation * found[0])) return std::nullopt;
   return Relatives{found[0], std::move(surplus)};
 }
 
