@@ -253,12 +253,10 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
 // Says what the repeats say as soon as it is known, ahead of frames on their way to the disk.
 WatchedMotion CaptureJob::judge_motion(const Devices& devices, MotionWatch& watch, int pattern,
                                        SessionWriter& writer, ProgressTeller& teller) {
-  // The devices' clock stands still between their events where they are simulated.
-  const rig::HostTime run_ended = devices.events.now(), began = rig::HostClock::now();
   WatchedMotion motion{watch.finish(), pattern, {}};
   teller.tell_motion(motion.report.text);
-  motion.verdict_time =
-      run_ended - watch.last_arrival().value_or(run_ended) + (rig::HostClock::now() - began);
+  const rig::HostTime told = devices.events.now();
+  motion.verdict_time = told - watch.last_arrival().value_or(told);
   writer.journal(motion_line(to_string(motion.report.verdict), motion.verdict_time));
   return motion;
 }

@@ -184,9 +184,9 @@ WindowFilter make_filter(int radius_px) {
   return filter;
 }
 
-// Where the window would be 3 x 3 the camera is coarse beside the surface's bends, and noise is
-// not what limits a normal: slopes by the five points of a row or a column, exact for cubics, and
-// the point where it was seen. A plain difference is off by a sixth of the third derivative, at 50
+// Where no window is wanted the camera is coarse beside the surface's bends, and noise is not what
+// limits a normal: slopes by the five points of a row or a column, exact for cubics, and the point
+// where it was seen. A plain difference is off by a sixth of the third derivative, at 50
 // degrees on a sphere of 100 mm seen at 4.7 mm a pixel by 0.4 degrees, which is 2% of sigma_a.
 WindowFilter make_coarse_filter() {
   WindowFilter filter;
@@ -337,14 +337,14 @@ class Band {
 
 void fit_locally(const DepthMap& depth, const FitOptions& given,
                  const std::function<void(int row, const FitRow&)>& take) {
-  const bool is_coarse = given.radius_px < 2;
+  const bool is_coarse = given.radius_px < 1;
   FitOptions options = given;
-  options.radius_px = std::max(given.radius_px, 2);
+  if (is_coarse) options.radius_px = 2;
   const int height = depth.inverse_depth_per_mm.height_px;
   const Neighbours neighbours{depth, static_cast<float>(options.max_relative_step)};
   const Prepared prepared = prepare(depth, neighbours);
   const WindowFilter filter = is_coarse ? make_coarse_filter() : make_filter(options.radius_px);
-  const ConnectedFit connected(neighbours, given.radius_px);
+  const ConnectedFit connected(neighbours, std::max(given.radius_px, 1));
   const int band_count = (height + kRowsPerBand - 1) / kRowsPerBand;
   oneapi::tbb::parallel_for(0, band_count, [&](int band) {
     Band(depth, options, prepared, filter, connected, band * kRowsPerBand,

@@ -15,7 +15,7 @@ struct DepthMap {
 };
 
 struct FitOptions {
-  // Of the window; its Gaussian weight's sigma is half of it. 1: no smoothing, slopes by
+  // Of the window; its Gaussian weight's sigma is half of it. 0: no smoothing, slopes by
   // differences over five points.
   int radius_px = 4;
   double max_relative_step = 0.01;  // of depth from pixel to pixel beside noise; more is a jump

@@ -113,8 +113,11 @@ FitOptions fit_options(const SurfaceOptions& options, const RawDepth& raw, doubl
     return static_cast<int>(std::lround(std::clamp(radius_px, 1.0, double{kMaxRadiusPx})));
   };
   const double smoothing_px = options.smoothing_radius_mm * px_per_mm;
-  return {rounded(smoothing_px > 0 ? std::max(smoothing_px, quiet_radius_px(raw, focal_px)) : 0),
-          options.max_slope / focal_px, rounded(options.near_discontinuity_mm * px_per_mm)};
+  const double radius_px =
+      smoothing_px > 0 ? std::max(smoothing_px, quiet_radius_px(raw, focal_px)) : 0;
+  constexpr double kNoWindowPx = 0.5;  // that bends and noise ask for
+  return {radius_px < kNoWindowPx ? 0 : rounded(radius_px), options.max_slope / focal_px,
+          rounded(options.near_discontinuity_mm * px_per_mm)};
 }
 
 // Towards the camera. On a plane n . X = d inverse depth is n . (x, y, 1) / d, so its derivatives

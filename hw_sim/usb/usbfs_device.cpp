@@ -38,6 +38,7 @@ struct GObjectUnref {
 };
 using IoctlData = std::unique_ptr<UMockdevIoctlData, GObjectUnref>;
 
+// The host's memory at that place; nullptr: the host's process has been killed meanwhile.
 IoctlData resolve(UMockdevIoctlData* data, std::size_t offset, std::size_t size) {
   return IoctlData(umockdev_ioctl_data_resolve(data, offset, size, nullptr));
 }
@@ -193,6 +194,7 @@ class UsbfsDevice::Core {
     glong result = 0;
     int error = 0;
   };
+  static constexpr Answer kNoHost{-1, EFAULT};
   static gboolean on_ioctl(UMockdevIoctlBase*, UMockdevIoctlClient* client, gpointer self);
   Answer answer(UMockdevIoctlClient* client);
   Answer get_capabilities(UMockdevIoctlData* argument) const;
@@ -411,6 +413,7 @@ UsbfsDevice::Core::Answer UsbfsDevice::Core::get_capabilities(UMockdevIoctlData*
       USBDEVFS_CAP_ZERO_PACKET | USBDEVFS_CAP_BULK_CONTINUATION | USBDEVFS_CAP_NO_PACKET_SIZE_LIM |
       USBDEVFS_CAP_BULK_SCATTER_GATHER | USBDEVFS_CAP_REAP_AFTER_DISCONNECT;
   const IoctlData data = resolve(argument, 0, sizeof kCapabilities);
+  if (!data) return kNoHost;
   std::memcpy(data->data, &kCapabilities, sizeof kCapabilities);
   return {};
 }
@@ -419,6 +422,7 @@ UsbfsDevice::Core::Answer UsbfsDevice::Core::submit(UMockdevIoctlClient* client,
                                                     UMockdevIoctlData* argument) {
   Urb urb;
   urb.wire = resolve(argument, 0, sizeof(usbdevfs_urb));
+  if (!urb.wire) return kNoHost;
   const usbdevfs_urb& wire = urb_of(urb.wire);
   urb.host_address = urb.wire->client_addr;
   urb.is_control = wire.type == USBDEVFS_URB_TYPE_CONTROL;
@@ -426,7 +430,8 @@ UsbfsDevice::Core::Answer UsbfsDevice::Core::submit(UMockdevIoctlClient* client,
   urb.capacity_bytes = static_cast<std::size_t>(std::max(wire.buffer_length, 0));
   if (urb.capacity_bytes > 0) {
     // Makes `buffer` a pointer to our own copy of the host's.
-    resolve(urb.wire.get(), offsetof(usbdevfs_urb, buffer), urb.capacity_bytes);
+    if (!resolve(urb.wire.get(), offsetof(usbdevfs_urb, buffer), urb.capacity_bytes))
+      return kNoHost;
   }
   const bool is_over = urb.is_control && run_control(urb);
   if (!urb.is_control && urb.endpoint != description_.endpoint_in) return {-1, ENOENT};
@@ -515,6 +520,7 @@ UsbfsDevice::Core::Answer UsbfsDevice::Core::reap(UMockdevIoctlClient* client,
                 urb->in.data(), urb->in.size());
   }
   const IoctlData pointer = resolve(argument, 0, sizeof(void*));
+  if (!pointer) return kNoHost;
   umockdev_ioctl_data_set_ptr(pointer.get(), 0, urb->wire.get());
   return {};
 }

@@ -6,6 +6,7 @@
 #include <iterator>
 #include <map>
 #include <string>
+#include <vector>
 
 namespace capture {
 
@@ -19,6 +20,20 @@ inline std::map<std::string, std::string> files_of(const std::filesystem::path& 
                                                                {}};
   }
   return files;
+}
+
+// Names of files that only one has, or that are not the same in both: a test's message is then no
+// megabyte of bytes.
+inline std::vector<std::string> differing_files(const std::map<std::string, std::string>& a,
+                                                const std::map<std::string, std::string>& b) {
+  std::vector<std::string> names;
+  for (const auto& [name, bytes] : a) {
+    const auto other = b.find(name);
+    if (other == b.end() || other->second != bytes) names.push_back(name);
+  }
+  for (const auto& [name, bytes] : b)
+    if (!a.contains(name)) names.push_back(name);
+  return names;
 }
 
 }  // namespace capture

@@ -337,8 +337,8 @@ TEST(Surface, NoRadiusLeavesPositionsAsTriangulated) {
   EXPECT_NEAR(rms, 1, 0.05);
 }
 
-// A camera so coarse that a window is 3 x 3: its slopes are those of cubics, not off by a sixth of
-// their third derivative.
+// A camera so coarse that no window is wanted: its slopes are those of cubics, not off by a sixth
+// of their third derivative.
 TEST(Surface, SlopesOfACoarseCameraAreExactForCubics) {
   constexpr int kSide = 15, kMiddle = 7;
   Image<float> inverse_per_mm(kSide, kSide), relative_sd(kSide, kSide, 1, 1e-5F);
@@ -349,7 +349,7 @@ TEST(Surface, SlopesOfACoarseCameraAreExactForCubics) {
                                                        6e-8 * x * x * x - 5e-8 * y * y * y);
     }
   FitRow middle;
-  fit_locally({inverse_per_mm.view(), relative_sd.view()}, {.radius_px = 1},
+  fit_locally({inverse_per_mm.view(), relative_sd.view()}, {.radius_px = 0},
               [&](int row, const FitRow& fit) {
                 if (row == kMiddle) middle = fit;
               });
