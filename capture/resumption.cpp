@@ -40,7 +40,6 @@ class Differences {
   void compare(const std::string& name, const std::string& then, const std::string& now) {
     if (then == now) return;
     ++count_;
-    constexpr int kMostNamed = 5;
     if (count_ > kMostNamed) return;
     text_ += (text_.empty() ? "" : "; ") + name + " was " + shortened(then) + " and is now " +
              shortened(now);
@@ -56,7 +55,6 @@ class Differences {
   }
   bool empty() const { return count_ == 0; }
   std::string text() const {
-    constexpr int kMostNamed = 5;
     return count_ <= kMostNamed ? text_
                                 : text_ + "; and " + std::to_string(count_ - kMostNamed) + " more";
   }
@@ -67,6 +65,7 @@ class Differences {
     if (value.empty()) return "not there";
     return value.size() <= kMostBytes ? value : value.substr(0, kMostBytes) + "...";
   }
+  static constexpr int kMostNamed = 5;
   int count_ = 0;
   std::string text_;
 };

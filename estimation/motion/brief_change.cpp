@@ -1,11 +1,11 @@
 #include "estimation/motion/brief_change.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <numbers>
+#include <opencv2/core.hpp>
 #include <optional>
 #include <tuple>
 #include <utility>
@@ -18,7 +18,7 @@ constexpr double kMostClippedFrac = 0.01;
 // What a block's light is a function of the shift in: mean, and harmonics that a period's length
 // and the skin's own picture leave over.
 constexpr int kHarmonics = 3;
-constexpr std::size_t kTerms = 2 * kHarmonics + 1;
+constexpr int kTerms = 2 * kHarmonics + 1;
 constexpr int kFewestShifts = 16, kFewestPairs = 6;
 // A relative that is known no better than this: the sensor is not that linear, and people breathe.
 constexpr double kFloorFrac = 0.003;
@@ -31,7 +31,8 @@ constexpr double kLitFrac = 0.1;          // of the brightest blocks
 constexpr double kEverywhereFrac = 0.5;   // of the lit blocks
 constexpr std::size_t kFewestBlocks = 2;  // side by side
 
-using Terms = std::array<double, kTerms>;
+using Terms = cv::Vec<double, kTerms>;
+using NormalMatrix = cv::Matx<double, kTerms, kTerms>;
 
 double median(std::vector<double> values) {
   if (values.empty()) return 0;
@@ -50,38 +51,14 @@ struct Relatives {
   std::vector<double> surplus_dn{};  // [frame] seen less expected; NaN: not seen
 };
 
-// Solves a x = b for a symmetric, positive a by Cholesky's method; nullopt where it is not.
-std::optional<Terms> solve(std::array<Terms, kTerms> a, Terms b) {
-  for (std::size_t i = 0; i < kTerms; ++i) {
-    for (std::size_t k = 0; k <= i; ++k) {
-      double sum = a[i][k];
-      for (std::size_t j = 0; j < k; ++j) sum -= a[i][j] * a[k][j];
-      if (i != k) {
-        a[i][k] = sum / a[k][k];
-      } else {
-        if (!(sum > 1e-9)) return std::nullopt;
-        a[i][i] = std::sqrt(sum);
-      }
-    }
-  }
-  for (std::size_t i = 0; i < kTerms; ++i) {
-    for (std::size_t j = 0; j < i; ++j) b[i] -= a[i][j] * b[j];
-    b[i] /= a[i][i];
-  }
-  for (std::size_t i = kTerms; i-- > 0;) {
-    for (std::size_t j = i + 1; j < kTerms; ++j) b[i] -= a[j][i] * b[j];
-    b[i] /= a[i][i];
-  }
-  return b;
-}
-
 Terms harmonics_of(const Stripes& stripes) {
-  Terms terms{1};
+  Terms terms;
+  terms[0] = 1;
   const double phase_rad =
       2 * std::numbers::pi * stripes.shift_px / static_cast<double>(stripes.period_px);
-  for (std::size_t k = 1; k <= kHarmonics; ++k) {
-    terms[2 * k - 1] = std::cos(static_cast<double>(k) * phase_rad);
-    terms[2 * k] = std::sin(static_cast<double>(k) * phase_rad);
+  for (int k = 1; k <= kHarmonics; ++k) {
+    terms[2 * k - 1] = std::cos(k * phase_rad);
+    terms[2 * k] = std::sin(k * phase_rad);
   }
   return terms;
 }
@@ -98,27 +75,20 @@ std::optional<Relatives> fit_shifts(const std::vector<Terms>& design,
   }
   if (static_cast<double>(valid_count) < kFewestValidFrac * static_cast<double>(count))
     return std::nullopt;
-  Terms found{};
+  Terms found;
   constexpr int kRounds = 6;
   for (int round = 0; round < kRounds; ++round) {
-    std::array<Terms, kTerms> matrix{};
-    Terms vector{};
+    NormalMatrix matrix;
+    Terms vector;
     for (std::size_t i = 0; i < count; ++i) {
       if (weights[i] <= 0) continue;
-      for (std::size_t a = 0; a < kTerms; ++a) {
-        vector[a] += weights[i] * design[i][a] * light_dn[i];
-        for (std::size_t b = 0; b <= a; ++b)
-          matrix[a][b] += weights[i] * design[i][a] * design[i][b];
-      }
+      vector += weights[i] * light_dn[i] * design[i];
+      matrix += weights[i] * design[i] * design[i].t();
     }
-    const auto solved = solve(matrix, vector);
-    if (!solved) return std::nullopt;
-    found = *solved;
+    if (!cv::solve(matrix, vector, found, cv::DECOMP_CHOLESKY)) return std::nullopt;
     std::vector<double> sizes;
     for (std::size_t i = 0; i < count; ++i) {
-      double expected = 0;
-      for (std::size_t a = 0; a < kTerms; ++a) expected += found[a] * design[i][a];
-      surplus[i] = light_dn[i] - expected;
+      surplus[i] = light_dn[i] - found.dot(design[i]);
       if (!std::isnan(surplus[i])) sizes.push_back(std::abs(surplus[i]));
     }
     // Tukey's biweight, from an ordinary fit on.
@@ -129,7 +99,7 @@ std::optional<Relatives> fit_shifts(const std::vector<Terms>& design,
     }
   }
   double squares = 0;
-  for (std::size_t a = 1; a < kTerms; ++a) squares += found[a] * found[a];
+  for (int a = 1; a < kTerms; ++a) squares += found[a] * found[a];
   if (!(std::sqrt(squares) < kMostModulation * found[0])) return std::nullopt;
   return Relatives{found[0], std::move(surplus)};
 }
