@@ -5,7 +5,7 @@
 #include <numbers>
 #include <optional>
 
-#include "hw_sim/world/transport.h"
+#include "hw_sim/world/split_picture.h"
 #include "hw_sim/world/white_walk.h"
 
 namespace hw_sim {

@@ -13,6 +13,7 @@
 #include "hw_sim/world/dipole.h"
 #include "hw_sim/world/lamp_response.h"
 #include "hw_sim/world/projector_light.h"
+#include "hw_sim/world/split_picture.h"
 
 namespace hw_sim {
 
@@ -28,24 +29,6 @@ struct SeenSample {
   Scattering scattering;    // of its light's band
   float share = 1;          // of the frame's sample: bands mix where the projector's colours do
 };
-
-// A projector picture taken apart into what varies along one axis alone and the rectangle where it
-// differs from that (the sync square).
-struct SplitPicture {
-  enum class Kind { kColumns, kRows, kGeneral };
-  struct Rect {
-    int row_begin = 0, row_end = 0, col_begin = 0, col_end = 0;
-    bool empty() const { return row_begin >= row_end || col_begin >= col_end; }
-    bool meets(const Rect& other) const {
-      return row_begin < other.row_end && other.row_begin < row_end && col_begin < other.col_end &&
-             other.col_begin < col_end;
-    }
-  };
-  Kind kind = Kind::kGeneral;
-  std::vector<unsigned char> line;  // brightness by column or by row
-  Rect rest;                        // kGeneral: everything
-};
-SplitPicture split_picture(estimation::ImageView<const unsigned char> brightness);
 
 // What the optics do to the lines of light on their way to each sample.
 struct LineOptics {
