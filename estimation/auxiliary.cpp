@@ -60,6 +60,18 @@ Result<CameraBlack> read_black(const Manifest& manifest, const std::filesystem::
   return CameraBlack(std::move(darks));
 }
 
+Result<HarmonicTransfer> read_transfer(const Manifest& manifest,
+                                       const std::filesystem::path& session) {
+  const std::optional<StripeTransfer>& calibrated = manifest.calibration.stripe_transfer;
+  const auto* file = calibrated ? std::get_if<TransferFile>(&*calibrated) : nullptr;
+  if (file == nullptr) return HarmonicTransfer::create(calibrated, {}, manifest.camera);
+  const auto channels = read_channels(session, file->file, "/calibration/stripe_transfer");
+  if (!channels) return tl::unexpected(channels.error());
+  auto transfer = HarmonicTransfer::create(calibrated, *channels, manifest.camera);
+  if (!transfer) transfer.error().file = (session / file->file).string();
+  return transfer;
+}
+
 }  // namespace
 
 InputError named_by(const std::string& key, InputError error) {
@@ -80,14 +92,7 @@ Result<Auxiliary> read_auxiliary(const Manifest& manifest, const std::filesystem
       "/calibration/irradiance/vignetting", manifest.projector.height_px,
       manifest.projector.width_px);
   if (!vignetting) return tl::unexpected(vignetting.error());
-  std::map<std::string, Image<float>> transfer_maps;
-  if (calibration.stripe_transfer)
-    if (const auto* file = std::get_if<TransferFile>(&*calibration.stripe_transfer)) {
-      auto channels = read_channels(session, file->file, "/calibration/stripe_transfer");
-      if (!channels) return tl::unexpected(channels.error());
-      transfer_maps = std::move(*channels);
-    }
-  auto transfer = HarmonicTransfer::create(calibration.stripe_transfer, transfer_maps, camera);
+  auto transfer = read_transfer(manifest, session);
   if (!transfer) return tl::unexpected(transfer.error());
   return Auxiliary{.black = std::move(*black),
                    .flat_field = std::move(*flat_field),

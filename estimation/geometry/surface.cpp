@@ -64,8 +64,20 @@ double max_depth_sd_mm(const SurfaceOptions& options, const Stereo::Ray& ray, do
                   options.max_position_sd_frac * depth_mm);
 }
 
-RawDepth triangulate_image(const Stereo& stereo, const Correspondence& correspondence,
-                           const SurfaceOptions& options, Image<std::uint32_t>& validity) {
+// Where both axes are decoded the correspondence has left the square out; with one alone, the point
+// itself tells where it is lit from.
+bool is_in_sync_square(const Stereo& stereo, const ProjectorInfo& projector,
+                       const ProjectorReading& reading, const Vec3& point_mm) {
+  const bool has_both = std::isfinite(reading.column_sd_px) && std::isfinite(reading.row_sd_px);
+  if (!projector.sync_square || has_both) return false;
+  const auto lit = stereo.project(point_mm);
+  return lit && projector.sync_square->contains(static_cast<int>(std::lround(lit->pixel[1])),
+                                                static_cast<int>(std::lround(lit->pixel[0])));
+}
+
+RawDepth triangulate_image(const Stereo& stereo, const ProjectorInfo& projector,
+                           const Correspondence& correspondence, const SurfaceOptions& options,
+                           Image<std::uint32_t>& validity) {
   const int height = validity.height_px(), width = validity.width_px();
   RawDepth raw{Image<float>(height, width, 1, kNaN), Image<float>(height, width, 1, kNaN)};
   for_rows(height, [&](int row) {
@@ -76,7 +88,8 @@ RawDepth triangulate_image(const Stereo& stereo, const Correspondence& correspon
       const ProjectorReading reading = reading_at(correspondence, row, col);
       if (ray) depth = stereo.triangulate(*ray, reading);
       if (!depth || depth->epipolar_px > max_epipolar_px(options, reading) ||
-          depth->sd_mm > max_depth_sd_mm(options, *ray, depth->depth_mm)) {
+          depth->sd_mm > max_depth_sd_mm(options, *ray, depth->depth_mm) ||
+          is_in_sync_square(stereo, projector, reading, ray->direction * depth->depth_mm)) {
         validity.at(row, col) |= kNoCorrespondence;
         continue;
       }
@@ -285,7 +298,7 @@ void reconstruct_surface_into(const Calibration& calibration, const CameraInfo& 
   const Stereo stereo(calibration, camera);
   clear(images_of(out, parts), camera.height_px, camera.width_px);
   out.validity = correspondence.validity;
-  const RawDepth raw = triangulate_image(stereo, correspondence, options, out.validity);
+  const RawDepth raw = triangulate_image(stereo, projector, correspondence, options, out.validity);
   const Glow glow(correspondence, camera, options,
                   median_of(raw.inverse_per_mm) * stereo.camera_focal_px());
   fit_locally({raw.inverse_per_mm.view(), raw.relative_sd.view()},

@@ -46,7 +46,7 @@ struct Surface {
   Image<float> position_sd_mm;         // after smoothing, along the camera's ray
   Image<float> tilt_sd_rad;            // of the normal, about any axis across it, by noise
   // Validity: the correspondence's errors, kNoCorrespondence (axes disagree, behind a device, too
-  // uncertain), kGrazingProjector, kGrazingCamera; warning kNearDiscontinuity.
+  // uncertain, in the sync square), kGrazingProjector, kGrazingCamera; warning kNearDiscontinuity.
   Image<std::uint32_t> validity;
 };
 

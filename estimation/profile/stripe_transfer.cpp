@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "estimation/session/transfer_file.h"
+
 namespace estimation {
 namespace {
 
@@ -45,10 +47,6 @@ double contrast_at(std::span<const double> curve, double cycles) {
   return std::max(cubic, 0.0);
 }
 
-InputError wrong_file(const std::string& expectation) {
-  return {InputFault::kInvalid, "", "/calibration/stripe_transfer", expectation};
-}
-
 }  // namespace
 
 Result<HarmonicTransfer> HarmonicTransfer::create(const std::optional<StripeTransfer>& calibration,
@@ -61,25 +59,13 @@ Result<HarmonicTransfer> HarmonicTransfer::create(const std::optional<StripeTran
   if (const auto* by_depth = std::get_if<TransferByDepth>(&*calibration))
     transfer.depths_ = by_depth->entries;
   if (!std::holds_alternative<TransferFile>(*calibration)) return transfer;
-  const bool is_mono = camera.pixel_format.filter == ColorFilter::kMono;
-  for (int band = 0; band < band_count(camera.pixel_format.filter); ++band) {
-    const std::string name = std::string("RGB").substr(static_cast<std::size_t>(band), 1);
-    std::vector<Image<float>>& maps = transfer.maps_[static_cast<std::size_t>(band)];
-    for (int n = 1;; ++n) {
-      auto channel = file.find(name + "." + std::to_string(n));
-      if (channel == file.end() && is_mono) channel = file.find("Y." + std::to_string(n));
-      if (channel == file.end()) break;
-      if (channel->second.width_px() != camera.width_px ||
-          channel->second.height_px() != camera.height_px)
-        return tl::unexpected(wrong_file("the EXR's size is not the camera's"));
-      maps.push_back(channel->second);
-    }
-    if (maps.empty()) {
-      std::string expectation = "the EXR has no channel ";
-      expectation.append(name).append(".1; it needs R.1, R.2, ... and so on for each band");
-      return tl::unexpected(wrong_file(expectation));
-    }
-  }
+  if (const auto problem = transfer_file_problem(file, camera))
+    return tl::unexpected(
+        InputError{InputFault::kInvalid, "", "/calibration/stripe_transfer", *problem});
+  const ColorFilter filter = camera.pixel_format.filter;
+  for (int band = 0; band < band_count(filter); ++band)
+    for (int n = 1; const Image<float>* contrast = transfer_channel(file, filter, band, n); ++n)
+      transfer.maps_[static_cast<std::size_t>(band)].push_back(*contrast);
   return transfer;
 }
 

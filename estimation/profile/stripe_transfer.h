@@ -17,8 +17,8 @@ namespace estimation {
 class HarmonicTransfer {
  public:
   // `file` holds the EXR's channels where the calibration names one (else empty). A mono camera's
-  // channels may be named Y.n or R.n. Errors: kInvalid where the file has no channels of a band, or
-  // not the camera's size.
+  // channels may be named Y.n or R.n. Errors: kInvalid where the file has no channels of a band,
+  // not the camera's size, or a contrast above 1 (session/transfer_file.h).
   static Result<HarmonicTransfer> create(const std::optional<StripeTransfer>& calibration,
                                          const std::map<std::string, Image<float>>& file,
                                          const CameraInfo& camera);

@@ -4,13 +4,12 @@
 #include <opencv2/core/matx.hpp>
 
 #include "estimation/session/manifest_parts.h"
+#include "estimation/session/transfer_file.h"
 
 namespace estimation {
 namespace {
 
 constexpr double kRotationTolerance = 1e-3;
-// A measured contrast may exceed 1 by noise, not by a factor.
-constexpr double kLargestTransfer = 2;
 
 Mat3 read_intrinsics(const JsonValue& value) {
   const std::string what = "intrinsics [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], px";
@@ -92,7 +91,9 @@ std::optional<Irradiance> read_irradiance(const JsonValue& object) {
 }
 
 std::vector<double> read_harmonics(const JsonValue& value) {
-  const std::string what = "the transfer of 1, 2, ... cycles per 40 projector px";
+  const std::string what =
+      "the optics' contrast at 1, 2, ... cycles per 40 projector px over that of no cycles: optics "
+      "never add contrast (values up to 1.02 pass as noise)";
   std::vector<double> harmonics;
   for (const JsonValue& harmonic : value.elements(what)) {
     harmonics.push_back(harmonic.number_in(0, kLargestTransfer, what));

@@ -5,6 +5,7 @@
 #include <array>
 #include <climits>
 #include <cstdio>
+#include <sstream>
 #include <unordered_set>
 #include <utility>
 
@@ -324,6 +325,22 @@ void fit_transfer(const TransferByBand& transfer, int band_count, const JsonValu
   }
 }
 
+// White adds more than black has, or the two are not of one reflector and unit.
+void check_contrast(const Calibration& calibration, const JsonValue& place) {
+  if (!calibration.irradiance) return;
+  const std::vector<double>& signal = calibration.irradiance->signal_per_us;
+  const std::vector<double>& black = calibration.projector_black_dn_per_us;
+  const std::vector<JsonValue> values = place.elements("projector black by band");
+  for (std::size_t band = 0; band < std::min(signal.size(), black.size()); ++band) {
+    if (black[band] < signal[band]) continue;
+    std::ostringstream text;
+    text << "a number below irradiance.signal_per_us (" << signal[band]
+         << " DN per microsecond, what white adds): what a black pattern gives on the same "
+            "reflector; measure it there, in DN per microsecond without the camera's black level";
+    values[band].fail(text.str());
+  }
+}
+
 // What only the camera's kind decides about a calibration.
 void fit_to_camera(Calibration& calibration, const CameraInfo& camera, const JsonValue& object) {
   const int bands = band_count(camera.pixel_format.filter);
@@ -333,6 +350,7 @@ void fit_to_camera(Calibration& calibration, const CameraInfo& camera, const Jso
   }
   if (!calibration.projector_black_dn_per_us.empty()) {
     fit_bands(calibration.projector_black_dn_per_us, bands, object.at("projector_black"));
+    check_contrast(calibration, object.at("projector_black"));
   }
   if (!calibration.stripe_transfer) return;
   const JsonValue place = object.at("stripe_transfer");

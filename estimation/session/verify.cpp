@@ -14,6 +14,7 @@
 #include "estimation/session/image_file.h"
 #include "estimation/session/manifest.h"
 #include "estimation/session/maps.h"
+#include "estimation/session/transfer_file.h"
 
 namespace estimation {
 namespace {
@@ -159,15 +160,8 @@ class Verification {
     const CameraInfo& camera = manifest_.camera;
     const auto channels = check_exr(transfer.file, pointer, camera.width_px, camera.height_px);
     if (!channels) return;
-    const std::string bands = band_count(camera.pixel_format.filter) == 1 ? "R" : "RGB";
-    for (const char band : bands) {
-      const std::string first = std::string(1, band) + ".1";
-      if (channels->contains(first)) continue;
-      if (bands.size() == 1 && channels->contains("Y.1")) continue;  // as the estimator reads it
-      add_problem({InputFault::kInvalid, full_name(transfer.file), "",
-                   "has no channel " + first + "; expected R.1 R.2 ... for every band"},
-                  pointer);
-    }
+    if (const auto problem = transfer_file_problem(*channels, camera))
+      add_problem({InputFault::kInvalid, full_name(transfer.file), "", *problem}, pointer);
   }
 
   void check_calibration_files() {

@@ -315,6 +315,25 @@ TEST(Surface, DisagreeingAxesAreNoCorrespondence) {
   EXPECT_EQ(surface.validity.at(41, 61) & kValidityErrors, 0U);
 }
 
+TEST(Surface, TheSyncSquareIsLeftOutByColumnsAlone) {
+  SyntheticRig rig = make_rig(147, 108, false);
+  const Truth truth = look_at(rig, plane({0, 0, 1000}, {0, 0, -1}), 0.02, false);
+  rig.projector.sync_square = SyncSquare{480, 360, 60, 40};
+  const Surface surface = reconstruct(rig, truth, {});
+  int inside_count = 0;
+  for (int row = 0; row < 108; ++row)
+    for (int col = 0; col < 147; ++col) {
+      const auto lit =
+          projector_pixel(rig, truth.position_mm[static_cast<std::size_t>(row * 147 + col)]);
+      const double beyond = std::max({480 - lit[0], lit[0] - 539, 360 - lit[1], lit[1] - 399});
+      const bool is_left_out = (surface.validity.at(row, col) & kNoCorrespondence) != 0;
+      if (std::abs(beyond) <= 1) continue;
+      EXPECT_EQ(is_left_out, beyond < 0) << row << ' ' << col;
+      if (beyond < 0) ++inside_count;
+    }
+  EXPECT_GT(inside_count, 30);
+}
+
 TEST(Surface, GrazingLightIsNamed) {
   const SyntheticRig rig = make_rig(147, 108, false);
   // Seen at 70 degrees, lit at 84.

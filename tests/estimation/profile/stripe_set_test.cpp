@@ -142,6 +142,8 @@ TEST(HarmonicTransfer, ReadsMapsFromAFileAndRefusesOthers) {
   EXPECT_FALSE(HarmonicTransfer::create(calibration, file, camera(ColorFilter::kBayerRG)));
   file["G.1"] = Image<float>(3, 3, 1, 0.5F);
   EXPECT_FALSE(HarmonicTransfer::create(calibration, file, camera(ColorFilter::kBayerRG)));
+  file["G.1"] = Image<float>(1, 2, 1, 1.2F);
+  EXPECT_FALSE(HarmonicTransfer::create(calibration, file, camera(ColorFilter::kBayerRG)));
 }
 
 }  // namespace

@@ -227,11 +227,12 @@ TEST(BrokenManifest, EachCalibrationOutOfRangeIsNamed) {
   expect_refused("/calibration/irradiance/reference_distance_mm", 0);
   expect_refused("/calibration/projector_black", json::array());
   expect_refused("/calibration/projector_black/2", -0.1);
+  expect_refused("/calibration/projector_black/2", 0.9);  // more than white adds
   expect_refused("/calibration/stripe_transfer", {{{"distance_mm", 9}, {"transfer", {1}}},
                                                   {{"distance_mm", 9}, {"transfer", {1}}}});
   expect_refused("/calibration/stripe_transfer/0/distance_mm", 0);
   expect_refused("/calibration/stripe_transfer/0/transfer", json::array());
-  expect_refused("/calibration/stripe_transfer/0/transfer/1", 2.5);
+  expect_refused("/calibration/stripe_transfer/0/transfer/1", 1.2);  // optics add no contrast
   expect_refused("/calibration/stripe_transfer/0/transfer/1", -0.5);
   expect_refused("/calibration/color_matrix/0", {1, 2});
 }

@@ -100,6 +100,7 @@ class RandomDocument {
     return lowest + static_cast<int>(random_() % static_cast<std::uint64_t>(highest - lowest + 1));
   }
   double real() { return static_cast<double>(random_() % 1000000 + 1) / 1024.0; }
+  static constexpr double kGreatestReal = 1000;
   std::string pick(const std::vector<std::string>& names) {
     return names[random_() % names.size()];
   }
@@ -121,7 +122,11 @@ class RandomDocument {
     return camera;
   }
 
-  json bands() { return is_mono_ ? json::array({real()}) : json::array({real(), real(), real()}); }
+  json bands(double least) {
+    json values = json::array();
+    for (int band = 0; band < (is_mono_ ? 1 : 3); ++band) values.push_back(least + real());
+    return values;
+  }
 
   json transfer_by_band() {
     if (is_mono_ || flip()) return {0.9, 0.8, 0.5};
@@ -140,12 +145,12 @@ class RandomDocument {
     if (flip()) calibration["camera"]["distortion"] = {0.1, -0.2, 0.001, 0, 1e-9};
     if (flip()) calibration["projector"]["lens_name"] = "50 mm";
     if (flip()) {
-      calibration["irradiance"] = {{"signal_per_us", bands()}};
+      calibration["irradiance"] = {{"signal_per_us", bands(kGreatestReal)}};
       if (flip()) calibration["irradiance"]["reference_distance_mm"] = real();
       if (flip()) calibration["irradiance"]["vignetting"] = "v.exr";
       if (flip()) calibration["irradiance"]["standard"] = "SRS-99";
     }
-    if (flip()) calibration["projector_black"] = bands();
+    if (flip()) calibration["projector_black"] = bands(0);
     if (flip()) calibration["color_matrix"] = {{1, 0.5, 0}, {0, 1, -0.5}, {0, 0, 1}};
     switch (whole(0, 3)) {
       case 0:

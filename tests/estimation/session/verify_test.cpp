@@ -135,7 +135,10 @@ TEST(Verify, CalibrationFilesAreReadAndMeasured) {
   session.document()["calibration"]["stripe_transfer"] = "transfer.exr";
   write_plane(session.path() / "transfer.exr", {"R.1", "R.2", "G.1"}, 48, 64, 0.9F);
   expect_one_problem(session, "/calibration/stripe_transfer", "has no channel B.1");
-  write_plane(session.path() / "transfer.exr", {"R.1", "G.1", "B.1"}, 48, 64, 0.9F);
+  write_plane(session.path() / "transfer.exr", {"R.1", "G.1", "B.1"}, 48, 64, 1.2F);
+  expect_one_problem(session, "/calibration/stripe_transfer",
+                     "has 1.2 in channel R.1 at column 0, row 0");
+  write_plane(session.path() / "transfer.exr", {"R.1", "G.1", "B.1"}, 48, 64, 1.01F);  // noise
   EXPECT_THAT(texts(verified(session.path())), IsEmpty());
 }
 
