@@ -211,9 +211,24 @@ class Daemon {
       std::vector<std::string> problems;
       if (rig->open(stop, problems) || stop.stop_requested()) return;
       report_fault(joined(problems));
-      // Nothing can be requested in this phase, so this is a wait for the stop.
-      (void)desk_.next_capture(steady_clock::now() + kReopenInterval, stop);
+      // A wait for the stop. A capture can only have been asked for before the loss was seen.
+      if (const auto request = desk_.next_capture(steady_clock::now() + kReopenInterval, stop))
+        turn_away(*request);
     }
+  }
+
+  void turn_away(const CaptureRequest& request) {
+    desk_.capture_finished();
+    board_.update([&](DaemonSnapshot& snapshot) {
+      snapshot.last =
+          CaptureOutcome{.request_id = request.request_id,
+                         .session = {},
+                         .state = estimation::to_string(estimation::SessionState::kFailed),
+                         .exit_code = static_cast<int>(ExitCode::kDevice),
+                         .message = snapshot.message,
+                         .pictures = {},
+                         .notes = {}};
+    });
   }
 
   void report_fault(const std::string& text) {

@@ -48,7 +48,9 @@ Answer CommandDesk::request_abort(const std::string& request_id) {
   }
   stop->request_stop();  // outside the lock: it may run callbacks
   board_.update([](DaemonSnapshot& snapshot) {
-    if (snapshot.phase != DaemonPhase::kReady) snapshot.phase = DaemonPhase::kAborting;
+    // The capture may have ended meanwhile, or its device been lost: that stays.
+    if (snapshot.phase == DaemonPhase::kCapturing || snapshot.phase == DaemonPhase::kEstimating)
+      snapshot.phase = DaemonPhase::kAborting;
   });
   return Answer::kAccepted;
 }

@@ -13,7 +13,7 @@ namespace {
 using std::chrono::steady_clock;
 
 constexpr auto kPollInterval = std::chrono::milliseconds(100);
-constexpr auto kUnreachableLimit = std::chrono::seconds(10);
+constexpr auto kUnheardLimit = std::chrono::seconds(10);
 
 httplib::Client connect(int port) {
   httplib::Client client("127.0.0.1", port);
@@ -78,13 +78,14 @@ std::optional<CaptureOutcome> DaemonClient::follow(
     const std::stop_token& stop) {
   std::uint64_t seen_revision = 0;
   bool is_abort_sent = false;
-  auto last_answer = steady_clock::now();
-  while (steady_clock::now() - last_answer < kUnreachableLimit) {
+  auto last_heard = steady_clock::now();
+  while (steady_clock::now() - last_heard < kUnheardLimit) {
     if (stop.stop_requested() && !is_abort_sent)
       is_abort_sent = request_abort(request_id + "-abort").is_accepted;
     if (const auto snapshot = state()) {
-      last_answer = steady_clock::now();
       if (snapshot->last && snapshot->last->request_id == request_id) return snapshot->last;
+      // A daemon that was started anew answers, but knows nothing of this capture.
+      if (snapshot->request_id == request_id) last_heard = steady_clock::now();
       if (snapshot->revision != seen_revision) on_change(*snapshot);
       seen_revision = snapshot->revision;
     }

@@ -27,7 +27,7 @@ class DaemonClient {
   Reply request_abort(const std::string& request_id);
 
   // Follows the capture `request_id` until it has ended and returns how. On stop it asks the daemon
-  // to abort and goes on following. nullopt if the daemon cannot be reached for 10 s.
+  // to abort and goes on following. nullopt if for 10 s no daemon answers that knows of it.
   std::optional<CaptureOutcome> follow(const std::string& request_id,
                                        const std::function<void(const DaemonSnapshot&)>& on_change,
                                        const std::stop_token& stop);

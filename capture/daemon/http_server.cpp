@@ -45,6 +45,10 @@ class HttplibServer final : public HttpServer {
     server_.set_read_timeout(5);
     server_.set_write_timeout(5);
     server_.set_tcp_nodelay(true);
+    // One request a connection: of a refused one the library leaves the body unread, and would take
+    // it for the next request, without the headers by which the first was refused. Nor does a
+    // connection that waits for its next request hold one of the threads.
+    server_.set_keep_alive_max_count(1);
     // The library sets SO_REUSEPORT too, which would let two daemons share one port.
     server_.set_socket_options([](socket_t socket) {
       const int yes = 1;
@@ -71,14 +75,8 @@ class HttplibServer final : public HttpServer {
   void add_routes() {
     server_.set_pre_routing_handler(
         [this](const httplib::Request& request, httplib::Response& response) {
-          const std::string origin = request.get_header_value("Origin");
-          if (is_own_origin(request.get_header_value("Host"),
-                            request.has_header("Origin") ? &origin : nullptr, port_))
-            return httplib::Server::HandlerResponse::Unhandled;
-          reply_error(response, 403,
-                      "this address answers only pages of its own; open http://127.0.0.1:" +
-                          std::to_string(port_));
-          return httplib::Server::HandlerResponse::Handled;
+          return refuse(request, response) ? httplib::Server::HandlerResponse::Handled
+                                           : httplib::Server::HandlerResponse::Unhandled;
         });
     server_.set_default_headers(
         {{"Cache-Control", "no-store"}, {"X-Content-Type-Options", "nosniff"}});
@@ -121,6 +119,24 @@ class HttplibServer final : public HttpServer {
                      response.set_content(to_json(board_.snapshot()), "application/json");
                    }
                  });
+  }
+
+  // Before the body is read. True if it answered.
+  bool refuse(const httplib::Request& request, httplib::Response& response) const {
+    const std::string origin = request.get_header_value("Origin");
+    if (!is_own_origin(request.get_header_value("Host"),
+                       request.has_header("Origin") ? &origin : nullptr, port_)) {
+      reply_error(response, 403,
+                  "this address answers only pages of its own; open http://127.0.0.1:" +
+                      std::to_string(port_));
+      return true;
+    }
+    // The library bounds a body by its announced length only.
+    if (request.has_header("Transfer-Encoding")) {
+      reply_error(response, 411, "send the body with a Content-Length");
+      return true;
+    }
+    return false;
   }
 
   // The request's command; else answers the error itself.
@@ -181,8 +197,13 @@ class HttplibServer final : public HttpServer {
     const auto is_listed = snapshot.last && std::ranges::count(snapshot.last->pictures, name) > 0;
     if (!is_listed)
       return reply_error(response, 404, "the last capture has no picture of that name");
-    std::ifstream file(std::filesystem::path(snapshot.last->session) / name, std::ios::binary);
-    if (!file) return reply_error(response, 404, "the picture has been moved away");
+    const std::filesystem::path path = std::filesystem::path(snapshot.last->session) / name;
+    std::error_code unknown;
+    // Reading a folder throws; a pipe would be waited for.
+    const bool is_file = std::filesystem::is_regular_file(path, unknown);
+    std::ifstream file;
+    if (is_file) file.open(path, std::ios::binary);
+    if (!file.is_open()) return reply_error(response, 404, "the picture has been moved away");
     response.set_content(std::string(std::istreambuf_iterator<char>(file), {}), "image/png");
   }
 

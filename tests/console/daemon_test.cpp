@@ -1,7 +1,12 @@
 // The daemon's API over real HTTP, with a session thread of the test's own behind the desk.
+#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <httplib.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
+#include <array>
 #include <atomic>
 #include <filesystem>
 #include <fstream>
@@ -88,6 +93,42 @@ class Rig {
 
   std::atomic<bool> is_finishing_{false};
   std::jthread session_;
+};
+
+// A client that says and leaves out what it likes.
+class RawClient {
+ public:
+  explicit RawClient(int port) : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(static_cast<std::uint16_t>(port));
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    const timeval patience{.tv_sec = 30, .tv_usec = 0};
+    ::setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+    EXPECT_EQ(::connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+  }
+  ~RawClient() { ::close(socket_); }
+  RawClient(const RawClient&) = delete;
+  RawClient& operator=(const RawClient&) = delete;
+
+  // What the server makes of it does not matter: it may have hung up.
+  void send(const std::string& text) const {
+    (void)::send(socket_, text.data(), text.size(), MSG_NOSIGNAL);
+  }
+  // What comes, until it holds `end` or the server hangs up.
+  std::string receive_until(const std::string& end) const {
+    std::string received;
+    std::array<char, 4096> part{};
+    while (received.find(end) == std::string::npos) {
+      const ssize_t size = ::recv(socket_, part.data(), part.size(), 0);
+      if (size <= 0) break;
+      received.append(part.data(), static_cast<std::size_t>(size));
+    }
+    return received;
+  }
+
+ private:
+  int socket_;
 };
 
 TEST(Daemon, StateIsOneSnapshotWithARevision) {
@@ -184,6 +225,41 @@ TEST(Daemon, MalformedRequestsAreAnsweredAndHarmless) {
   EXPECT_EQ(rig.capture_count, 0);
 }
 
+// Else the page of another site would write a request, headers and all, into a body of its own.
+TEST(Daemon, TheBodyOfARefusedRequestIsNoRequest) {
+  Rig rig;
+  const std::string host = "Host: 127.0.0.1:" + std::to_string(rig.server->port()) + "\r\n";
+  const std::string command = R"({"request_id":"hidden"})";
+  const std::string body =
+      "POST /api/capture HTTP/1.1\r\n" + host +
+      "Content-Type: application/json\r\nContent-Length: " + std::to_string(command.size()) +
+      "\r\n\r\n" + command;
+  const RawClient page(rig.server->port());
+  page.send("POST /api/state HTTP/1.1\r\n" + host +
+            "Origin: http://evil.example\r\nContent-Type: text/plain\r\nContent-Length: " +
+            std::to_string(body.size()) + "\r\n\r\n");
+  EXPECT_THAT(page.receive_until("}"), HasSubstr("HTTP/1.1 403"));
+  page.send(body);
+  EXPECT_EQ(page.receive_until("HTTP/1.1 202"), "") << "hung up before the body came";
+  EXPECT_EQ(rig.capture_count, 0);
+}
+
+TEST(Daemon, ABodyWithoutALengthIsRefused) {
+  Rig rig;
+  const auto response = rig.client().Post(
+      "/api/capture", {},
+      [](std::size_t, httplib::DataSink& sink) {
+        const std::string command = R"({"request_id":"a"})";
+        sink.write(command.data(), command.size());
+        sink.done();
+        return true;
+      },
+      "application/json");
+  ASSERT_TRUE(response);
+  EXPECT_EQ(response->status, 411);
+  EXPECT_EQ(rig.capture_count, 0);
+}
+
 TEST(Daemon, EventsCarryTheStateThenHeartbeats) {
   Rig rig;
   std::string received;
@@ -199,6 +275,32 @@ TEST(Daemon, EventsCarryTheStateThenHeartbeats) {
   EXPECT_THAT(received, HasSubstr("event: heartbeat"));
   EXPECT_THAT(received, HasSubstr("\"phase\":\"capturing\""));
   rig.finish();
+}
+
+TEST(Daemon, PagesThatWereClosedMakeRoomForOthers) {
+  Rig rig;
+  const std::string host = "Host: 127.0.0.1:" + std::to_string(rig.server->port()) + "\r\n\r\n";
+  for (int i = 0; i < 20; ++i)
+    EXPECT_EQ(rig.client().Head("/api/events")->status, 200) << "asked for no stream: " << i;
+  {
+    std::vector<std::unique_ptr<RawClient>> pages;
+    for (int i = 0; i < 12; ++i) {
+      pages.push_back(std::make_unique<RawClient>(rig.server->port()));
+      pages.back()->send("GET /api/events HTTP/1.1\r\n" + host);
+      EXPECT_THAT(pages.back()->receive_until("event: state"), HasSubstr("HTTP/1.1 200")) << i;
+    }
+    EXPECT_EQ(rig.client().Get("/api/events")->status, 503);
+    EXPECT_EQ(rig.client().Get("/api/state")->status, 200) << "commands have threads of their own";
+  }
+  // The server notices at its next heartbeats.
+  const auto deadline = steady_clock::now() + seconds(30);
+  std::string answer;
+  while (answer.find("HTTP/1.1 200") == std::string::npos && steady_clock::now() < deadline) {
+    const RawClient page(rig.server->port());
+    page.send("GET /api/events HTTP/1.1\r\n" + host);
+    answer = page.receive_until("data: ");
+  }
+  EXPECT_THAT(answer, HasSubstr("HTTP/1.1 200"));
 }
 
 TEST(Daemon, OnlyListedPicturesAreServed) {
@@ -217,7 +319,35 @@ TEST(Daemon, OnlyListedPicturesAreServed) {
   for (const char* name : {"session.json", "report/../session.json", "../../etc/passwd", "report/",
                            "%2e%2e/session.json"})
     EXPECT_EQ(rig.client().Get(std::string("/api/last/") + name)->status, 404) << name;
+  const auto head = rig.client().Head("/api/last/report/sigma_a.png");
+  EXPECT_EQ(head->get_header_value("Content-Length"), "7");
+
+  // What stands in a picture's place since.
+  const std::filesystem::path picture = rig.session_folder / "report/sigma_a.png";
+  const auto expect_moved_away = [&](const char* what) {
+    const auto response = rig.client().Get("/api/last/report/sigma_a.png");
+    ASSERT_TRUE(response) << what;
+    EXPECT_EQ(response->status, 404) << what;
+    EXPECT_THAT(response->body, HasSubstr("moved away")) << what;
+    std::filesystem::remove_all(picture);
+  };
+  std::filesystem::remove(picture);
+  expect_moved_away("nothing");
+  std::filesystem::create_directory(picture);
+  expect_moved_away("a folder");
+  ASSERT_EQ(::mkfifo(picture.c_str(), 0600), 0);
+  expect_moved_away("a pipe");
   std::filesystem::remove_all(rig.session_folder);
+}
+
+TEST(Daemon, AnAbortThatComesAfterALossLeavesTheLossStanding) {
+  StateBoard board;
+  CommandDesk desk(board);
+  board.update([](DaemonSnapshot& snapshot) { snapshot.phase = DaemonPhase::kReady; });
+  ASSERT_EQ(desk.request_capture({.request_id = "a"}), Answer::kAccepted);
+  board.update([](DaemonSnapshot& snapshot) { snapshot.phase = DaemonPhase::kFault; });
+  EXPECT_EQ(desk.request_abort("b"), Answer::kAccepted);
+  EXPECT_EQ(board.snapshot().phase, DaemonPhase::kFault);
 }
 
 TEST(Daemon, ATakenPortIsAClearError) {
@@ -263,6 +393,13 @@ TEST(DaemonClient, AStopAbortsTheCapture) {
       "a", [](const DaemonSnapshot&) {}, stop.get_token());
   ASSERT_TRUE(outcome.has_value());
   EXPECT_EQ(outcome->exit_code, 130);
+}
+
+// As after the daemon was killed and started anew; ten seconds, most of this test's time.
+TEST(DaemonClient, DoesNotFollowACaptureThatTheDaemonDoesNotKnow) {
+  Rig rig;
+  const auto client = DaemonClient::find(rig.server->port(), "/rigs/a.toml");
+  EXPECT_FALSE(client->follow("of another process", [](const DaemonSnapshot&) {}, {}).has_value());
 }
 
 }  // namespace
