@@ -8,6 +8,7 @@
 #include <complex>
 #include <limits>
 #include <map>
+#include <numeric>
 #include <opencv2/core.hpp>
 #include <utility>
 
@@ -19,6 +20,8 @@ namespace {
 using Complex = std::complex<double>;
 
 constexpr double kLeastModulation = 0.8;  // of the neighbours': less, and a fifth is no stripes
+// Standard deviations from which on a frame is looked at without its own say.
+constexpr double kSuspect = 3;
 // A frame whose deviation no neighbour in time explains; 2 px of 40.
 constexpr double kForeign = 0.35;
 // Of a deviation's square: unexplained by the picture that it is put down to.
@@ -32,7 +35,8 @@ int harmonic_count(std::size_t frame_count) {
 // Fits light = sum of harmonics at each place, by least squares over the frames.
 class HarmonicFit {
  public:
-  explicit HarmonicFit(const std::vector<double>& phases_rad)
+  // Of all frames but `without`.
+  HarmonicFit(const std::vector<double>& phases_rad, std::optional<std::size_t> without)
       : frame_count_(static_cast<int>(phases_rad.size())),
         term_count_(2 * harmonic_count(phases_rad.size()) + 1),
         design_(frame_count_, term_count_) {
@@ -43,7 +47,9 @@ class HarmonicFit {
         design_(n, 2 * k) = std::sin(k * phases_rad[static_cast<std::size_t>(n)]);
       }
     }
-    is_solved_ = cv::invert(design_, inverse_, cv::DECOMP_SVD) > kLeastCondition;
+    cv::Mat1d used = design_.clone();
+    if (without) used.row(static_cast<int>(*without)) = 0.0;
+    is_solved_ = cv::invert(used, inverse_, cv::DECOMP_SVD) > kLeastCondition;
   }
   bool is_solved() const { return is_solved_; }
   int term_count() const { return term_count_; }
@@ -183,18 +189,36 @@ Complex deviation(const Course& course, const Complex& phasor, std::size_t n) {
   return std::isfinite(least.real()) ? least : Complex(0, 0);
 }
 
-// The 95th percentile of the steps between neighbours, px of the projector.
+// The 95th percentile over some frames' time each, which noise does not feign, px of the projector.
 double speed_of(const Course& course, double period_px) {
+  constexpr std::size_t kSpan = 4;
   std::vector<double> speeds;
-  for (std::size_t n = 1; n < course.phase_rad.size(); ++n) {
-    const double span_s = course.elapsed_s[n] - course.elapsed_s[n - 1];
+  for (std::size_t n = kSpan; n < course.phase_rad.size(); ++n) {
+    const double span_s = course.elapsed_s[n] - course.elapsed_s[n - kSpan];
     if (span_s > 0)
-      speeds.push_back(std::abs(course.phase_rad[n] - course.phase_rad[n - 1]) / span_s);
+      speeds.push_back(std::abs(course.phase_rad[n] - course.phase_rad[n - kSpan]) / span_s);
   }
   if (speeds.empty()) return 0;
   std::sort(speeds.begin(), speeds.end());
   return speeds[(speeds.size() - 1) * 95 / 100] * period_px / (2 * CV_PI);
 }
+
+// Of all frames of a series: by how much each is off, what its neighbours in time have taken off.
+struct Deviations {
+  std::vector<Complex> off;
+  double speed_px_per_s = 0;
+  // A robust standard deviation of all but frame `without`: of the size, or along a direction.
+  double sd(std::size_t without, const Complex& along = 0) const {
+    std::vector<double> sizes;
+    for (std::size_t n = 0; n < off.size(); ++n)
+      if (n != without)
+        sizes.push_back(std::abs(along) > 0
+                            ? std::abs((off[n] * std::conj(along)).real()) / std::abs(along)
+                            : std::abs(off[n]));
+    constexpr double kLeast = 1e-4;
+    return std::max(1.4826 * median_of(std::move(sizes)), kLeast);
+  }
+};
 
 class ShiftCheck {
  public:
@@ -223,34 +247,43 @@ class ShiftCheck {
     return refused;
   }
 
-  // Judges all frames by each other; the worst leaves the series. False: all the rest are right.
+  // Judges the frames that are furthest off, each by a fit of all others; one that is wrong leaves
+  // the series. False: all are right.
   bool find_worst() {
-    constexpr std::size_t kFewest = 5;
-    if (series_.frames.size() < kFewest || !measure()) {
+    constexpr std::size_t kFewest = 5, kMostSuspects = 4;
+    const auto all = series_.frames.size() < kFewest ? std::nullopt : measure(std::nullopt);
+    if (!all) {
       check_ = refuse("too few other shifts tell what it should look like");
       return false;
     }
-    std::optional<std::size_t> worst;
-    GroupFinding finding;
-    for (std::size_t n = 0; n < series_.frames.size(); ++n) {
-      if (worst && std::abs(deviations_[n]) <= std::abs(deviations_[*worst])) continue;
-      if (const auto found = judge(n)) {
-        worst = n;
-        finding = *found;
-      }
+    check_.speed_px_per_s = all->speed_px_per_s;
+    std::vector<std::size_t> suspects(all->off.size());
+    std::iota(suspects.begin(), suspects.end(), std::size_t{0});
+    std::stable_sort(suspects.begin(), suspects.end(), [&](std::size_t a, std::size_t b) {
+      return std::abs(all->off[a]) > std::abs(all->off[b]);
+    });
+    suspects.resize(std::min(suspects.size(), kMostSuspects));
+    last_ = *all;
+    for (const std::size_t n : suspects) {
+      if (std::abs(all->off[n]) < kSuspect * all->sd(n)) break;
+      const auto others = measure(n);
+      if (!others) continue;
+      const auto found = judge(n, *others);
+      if (!found) continue;
+      check_.wrong.push_back(*found);
+      const auto at = static_cast<std::ptrdiff_t>(n);
+      series_.frames.erase(series_.frames.begin() + at);
+      series_.phases_rad.erase(series_.phases_rad.begin() + at);
+      table_.light_dn.erase(table_.light_dn.begin() + at);
+      return true;
     }
-    if (!worst) return false;
-    check_.wrong.push_back(finding);
-    const auto at = static_cast<std::ptrdiff_t>(*worst);
-    series_.frames.erase(series_.frames.begin() + at);
-    series_.phases_rad.erase(series_.phases_rad.begin() + at);
-    table_.light_dn.erase(table_.light_dn.begin() + at);
-    return true;
+    return false;
   }
 
-  bool measure() {
-    const HarmonicFit fit(series_.phases_rad);
-    if (!fit.is_solved()) return false;
+  // By a fit of all frames but `without`; nullopt: they do not determine it.
+  std::optional<Deviations> measure(std::optional<std::size_t> without) const {
+    const HarmonicFit fit(series_.phases_rad, without);
+    if (!fit.is_solved()) return std::nullopt;
     const auto coefficients = fit.coefficients(table_.light_dn);
     std::vector<Complex> phasors;
     std::vector<double> elapsed_s;
@@ -258,17 +291,12 @@ class ShiftCheck {
       phasors.push_back(phasor_of(fit, coefficients, table_.light_dn[n], static_cast<int>(n)));
       elapsed_s.push_back(pictures_.shown[series_.frames[n]].picture->elapsed_s);
     }
+    Deviations all;
     const Course course = course_of(phasors, elapsed_s);
-    deviations_.clear();
-    std::vector<double> sizes;
-    for (std::size_t n = 0; n < phasors.size(); ++n) {
-      deviations_.push_back(deviation(course, phasors[n], n));
-      sizes.push_back(std::abs(deviations_.back()));
-    }
-    constexpr double kLeastSd = 1e-4;
-    sd_ = std::max(1.4826 * median_of(std::move(sizes)), kLeastSd);
-    check_.speed_px_per_s = speed_of(course, series_.period_px);
-    return true;
+    for (std::size_t n = 0; n < phasors.size(); ++n)
+      all.off.push_back(deviation(course, phasors[n], n));
+    all.speed_px_per_s = speed_of(course, series_.period_px);
+    return all;
   }
 
   // Of a frame that shows a pattern of this series; nullopt: it does not.
@@ -286,20 +314,21 @@ class ShiftCheck {
     return std::polar(1.0, *phase - series_.phases_rad[n]) - 1.0;
   }
 
-  std::optional<GroupFinding> judge(std::size_t n) const {
-    const Complex off = deviations_[n];
-    if (std::abs(off) < kSureOfPicture * sd_) return std::nullopt;
+  std::optional<GroupFinding> judge(std::size_t n, const Deviations& all) const {
+    const Complex off = all.off[n];
     const std::size_t frame = series_.frames[n];
     for (const int direction : {-1, 1}) {
       const auto step = step_to(n, direction);
       if (!step || std::abs(*step) == 0) continue;
       const double share = (off * std::conj(*step)).real() / std::norm(*step);
       const Complex rest = off - share * *step;
-      if (share >= kWrongFrac && std::norm(rest) < kMostUnexplained * std::norm(off)) {
+      if (share >= kWrongFrac && std::norm(rest) < kMostUnexplained * std::norm(off) &&
+          share * std::abs(*step) > kSureOfPicture * all.sd(n, *step)) {
         const std::size_t seen = direction < 0 ? frame - 1 : frame + 1;
         return GroupFinding{frame, share, pictures_.shown[seen].picture->pattern};
       }
     }
+    if (std::abs(off) < kSureOfPicture * all.sd(n)) return std::nullopt;
     const double modulation = std::abs(1.0 + off);
     if (modulation < kLeastModulation) return GroupFinding{frame, 1 - modulation};
     if (std::abs(off) > kForeign) return GroupFinding{frame, std::abs(off) / 2};
@@ -310,8 +339,7 @@ class ShiftCheck {
   void check_blind() {
     for (std::size_t n = 0; n < series_.frames.size(); ++n) {
       const auto step = step_to(n, -1);
-      const double size = step ? std::abs(*step) : 1;
-      if (size == 0 || size > kSureOfPicture * sd_) continue;
+      if (!step || std::abs(*step) > kSureOfPicture * last_.sd(n, *step)) continue;
       check_.unchecked.emplace_back(series_.frames[n],
                                     "the stripes moved, or are seen, too unsteadily");
       --check_.judged_count;
@@ -322,8 +350,7 @@ class ShiftCheck {
   LitTable table_;
   ShiftSeries series_;                // without those that are known to be wrong
   std::map<int, double> phases_rad_;  // by pattern, of all
-  std::vector<Complex> deviations_;
-  double sd_ = 0;
+  Deviations last_;
   GroupCheck check_;
 };
 
