@@ -49,6 +49,8 @@ struct CameraSettings {
 struct CameraIdentity {
   std::string vendor, model, serial, firmware;
   std::string note = {};  // what it does without, one sentence with the remedy; empty: nothing
+  // Its frames say which level the trigger line had when they began (Frame::is_line_high).
+  bool tells_line_level = false;
 };
 
 // Since arm(). -1 where the camera has no such counter.

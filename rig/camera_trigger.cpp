@@ -73,7 +73,7 @@ void CameraTrigger::account_for(const Frame& frame) {
   const auto number = static_cast<std::uint32_t>(count);
   const HostTime started = clock_.to_host(frame.timestamp);
   const auto exposure = frame.exposure.value_or(exposures_[(count - 1) % exposures_.size()]);
-  sink_.post(EdgeSeen{number, count % 2 == 1, started});
+  sink_.post(EdgeSeen{number, frame.is_line_high.value_or(count % 2 == 1), started});
   sink_.post(PulseEnded{number, 0, number, started, started + exposure});
 }
 

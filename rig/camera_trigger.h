@@ -5,9 +5,11 @@
 //
 //   camera ─► FrameArrived ─► EdgeSeen, PulseEnded, FrameArrived ─► session
 //
-// What the level was after the edge follows from the count: arming happens under a dark square, and
-// every change of it is counted. A frame that was lost is told of as FrameDamaged, when the next
-// one shows it; whoever listens knows what that means for the count.
+// The level after the edge is the line's, as the frame says it: a trigger that no change of the
+// square made shows the level of before. From a camera that does not say it, and without a
+// photodiode, it is what the count implies, which proves nothing: arming happens under a dark
+// square, and every change of it is counted. A frame that was lost is told of as FrameDamaged, when
+// the next one shows it; whoever listens knows what that means for the count.
 #pragma once
 
 #include <cstdint>

@@ -34,6 +34,8 @@ struct Frame {
   std::optional<std::uint64_t>
       trigger_count;  // pulses on the trigger line since arming, this one included
   std::optional<int> sequencer_set;
+  // The trigger line's level when the exposure began; where edges of both kinds are triggers.
+  std::optional<bool> is_line_high;
   std::unique_ptr<FrameLease> lease;
 };
 

@@ -22,6 +22,7 @@ class CameraSocket {
     auto device = start_();
     if (!device) return tl::unexpected(device.error());
     device_ = std::move(*device);
+    device_->line(rig::HostClock::now(), is_line_high_);  // no trigger to a camera at rest
     return {};
   }
   void power_off() {
@@ -34,6 +35,7 @@ class CameraSocket {
   }
   bool line(rig::HostTime time, bool is_high) {
     const std::lock_guard lock(mutex_);
+    is_line_high_ = is_high;
     return device_ && device_->line(time, is_high);
   }
   // Nothing is changed while the power is off.
@@ -46,6 +48,7 @@ class CameraSocket {
   const Start start_;
   std::mutex mutex_;
   std::unique_ptr<GigeDevice> device_;  // guarded by mutex_
+  bool is_line_high_ = false;           // guarded by mutex_
 };
 
 }  // namespace hw_sim

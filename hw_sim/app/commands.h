@@ -21,6 +21,7 @@ struct RunOptions {
   std::filesystem::path faults_file;   // empty: nothing goes wrong
   bool is_dipole = false;              // the paper's model in place of Monte Carlo
   std::uint64_t seed = 1;
+  bool has_line_status = true;  // the camera tells the level of its line with its frames
   std::vector<std::string> command;
 };
 

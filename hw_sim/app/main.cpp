@@ -40,6 +40,8 @@ void add_run(CLI::App& app, hw_sim::RunOptions& options, RunWords& words) {
                   "TOML file of what optics, room and subject do: config/effects.example.toml");
   run->add_option("--faults", options.faults_file,
                   "TOML file of what goes wrong, where: config/faults.example.toml");
+  run->add_flag("!--without-line-status", options.has_line_status,
+                "A camera that does not tell with its frames which level its line had");
   run->add_option("--seed", options.seed, "Of the sensor's noise")->capture_default_str();
   run->add_option("COMMAND", options.command, "After --: the command and its arguments")
       ->required();

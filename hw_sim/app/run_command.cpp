@@ -151,7 +151,8 @@ int run_command(const RunOptions& options) {
   if (!stage) return complain(stage.error());
 
   FaultSchedule faults(*plan);
-  rig::Result<std::unique_ptr<VirtualRig>> devices = VirtualRig::start(*rig, *stage->world, faults);
+  rig::Result<std::unique_ptr<VirtualRig>> devices =
+      VirtualRig::start(*rig, *stage->world, faults, {.has_line_status = options.has_line_status});
   if (!devices) return complain(devices.error());
   int exit_code = kExitFailed;
   {

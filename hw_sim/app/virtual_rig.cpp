@@ -74,8 +74,10 @@ UsbTriggerBoxOptions box_options(const rig::RigFile& rig, FaultSchedule& faults)
   return options;
 }
 
-GigeDeviceOptions camera_options(const rig::RigFile& rig, FaultSchedule& faults) {
+GigeDeviceOptions camera_options(const rig::RigFile& rig, FaultSchedule& faults,
+                                 bool has_line_status) {
   GigeDeviceOptions options;
+  options.has_line_status = has_line_status;
   options.faults = &faults;
   options.is_the_trigger = rig.sequence.sync != rig::SyncMode::kTriggerBox;
   in_addr parsed{};  // a rig file may name its camera instead
@@ -142,7 +144,8 @@ ScreenGrabber::LevelCallback VirtualRig::wire_photodiode(const rig::RigFile& rig
 
 rig::Result<std::unique_ptr<VirtualRig>> VirtualRig::start(const rig::RigFile& rig,
                                                            const World& world,
-                                                           FaultSchedule& faults) {
+                                                           FaultSchedule& faults,
+                                                           const VirtualRigOptions& options) {
   auto parts = std::make_unique<Parts>(world);
   rig::Result<std::string> shim = find_glx_shim();
   if (!shim) return tl::unexpected(shim.error());
@@ -152,9 +155,9 @@ rig::Result<std::unique_ptr<VirtualRig>> VirtualRig::start(const rig::RigFile& r
   if (!screen) return tl::unexpected(screen.error());
   parts->screen = *std::move(screen);
 
-  parts->camera.emplace([options = camera_options(rig, faults), &world, &light = parts->light] {
-    return GigeDevice::start(options, world, light);
-  });
+  parts->camera.emplace(
+      [options = camera_options(rig, faults, options.has_line_status), &world,
+       &light = parts->light] { return GigeDevice::start(options, world, light); });
   if (const rig::Result<void> powered = parts->camera->power_on(); !powered)
     return tl::unexpected(powered.error());
 

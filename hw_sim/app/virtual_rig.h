@@ -20,13 +20,18 @@
 
 namespace hw_sim {
 
+struct VirtualRigOptions {
+  bool has_line_status = true;  // the camera's chunk LineStatusAll
+};
+
 // Not thread-safe. Its clients end before it does.
 class VirtualRig {
  public:
   // The devices have the addresses and serial numbers of the rig file; `world` and `faults` outlive
   // the rig. Needs the umockdev preload library in this program. Errors: those of its parts.
   static rig::Result<std::unique_ptr<VirtualRig>> start(const rig::RigFile& rig, const World& world,
-                                                        FaultSchedule& faults);
+                                                        FaultSchedule& faults,
+                                                        const VirtualRigOptions& options = {});
   ~VirtualRig();
 
   // What a program needs in its environment to find the devices.

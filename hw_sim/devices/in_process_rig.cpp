@@ -59,6 +59,7 @@ rig::Trigger& InProcessRig::trigger() {
 void InProcessRig::level(int level_adc) {
   if (has_box()) return trigger_.photodiode(level_adc);
   const bool is_edge = comparator_.look(level_adc);
+  camera_.set_line(comparator_.is_high());
   if (is_edge && options_.sync == rig::SyncMode::kCameraLine) pulse_without_box();
 }
 

@@ -89,6 +89,8 @@ SimCamera::SimCamera(rig::CameraSettings settings, CameraTiming timing, FaultSch
       light_(light),
       power_up_(timeline.now()) {
   engine_.readout = timing_.readout;
+  identity_.tells_line_level = timing_.has_chunks && timing_.has_line_status &&
+                               settings_.trigger_edge == rig::TriggerEdge::kAny;
 }
 
 SimCamera::~SimCamera() = default;
@@ -183,9 +185,10 @@ void SimCamera::take(const LinePulse& pulse, const ShotFaults& faults) {
   if (faults.is_exposure_stuck && engine_.is_sequencer_on && last_exposure_.count() > 0)
     job->duration = last_exposure_;
   last_exposure_ = job->duration;
-  timeline_.schedule(job->end(), [this, shot = Shot{*job, faults}, arming = arming_number_] {
-    if (arming == arming_number_) finish(shot);
-  });
+  timeline_.schedule(job->end(),
+                     [this, shot = Shot{*job, faults, is_line_high_}, arming = arming_number_] {
+                       if (arming == arming_number_) finish(shot);
+                     });
   if (!faults.is_trigger_doubled) return;
   timeline_.schedule(job->end() + timing_.readout + kBounceDelay, [this] { disturb_line(); });
 }
@@ -243,7 +246,7 @@ void SimCamera::send(const Shot& shot, std::vector<std::byte> pixels) {
 
 void SimCamera::deliver(rig::HostTime arrival, const Shot& shot, std::vector<std::byte> pixels) {
   // shared: std::function must be copyable, a frame is not
-  const auto frame = std::make_shared<rig::Frame>(make_frame(shot.job, std::move(pixels)));
+  const auto frame = std::make_shared<rig::Frame>(make_frame(shot, std::move(pixels)));
   timeline_.schedule(arrival, [this, frame, arming = arming_number_] {
     if (arming != arming_number_ || is_cable_pulled_) return;
     frame->received = timeline_.now();
@@ -300,7 +303,8 @@ void SimCamera::plug_cable_in() {
   ++cable_number_;
 }
 
-rig::Frame SimCamera::make_frame(const ExposureJob& job, std::vector<std::byte> pixels) const {
+rig::Frame SimCamera::make_frame(const Shot& shot, std::vector<std::byte> pixels) const {
+  const ExposureJob& job = shot.job;
   auto lease = std::make_unique<PoolLease>(pool_, std::move(pixels));
   rig::Frame frame;
   frame.pixels = lease->buffer();
@@ -313,6 +317,7 @@ rig::Frame SimCamera::make_frame(const ExposureJob& job, std::vector<std::byte> 
     frame.exposure = job.duration;
     frame.trigger_count = job.trigger_number;
     if (job.sequencer_set >= 0) frame.sequencer_set = job.sequencer_set;
+    if (identity_.tells_line_level) frame.is_line_high = shot.is_line_high;
   }
   frame.lease = std::move(lease);
   return frame;

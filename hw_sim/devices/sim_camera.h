@@ -26,6 +26,7 @@ struct CameraTiming {
   std::chrono::nanoseconds clock_start{7'000'000'000};  // what its counter read at power-up
   double clock_drift_ppm = 20;
   bool has_chunks = true;
+  bool has_line_status = true;  // among the chunks: the line's level when the exposure began
 };
 
 class FramePool;
@@ -55,6 +56,8 @@ class SimCamera final : public rig::Camera {
 
   // The trigger line goes up now.
   void pulse(const LinePulse& pulse);
+  // The level that a photodiode gives the trigger line, from now on.
+  void set_line(bool is_high) { is_line_high_ = is_high; }
 
   // Faults of the whole device. Rebooted: its settings, counters and clock start anew. Lost is what
   // the driver says at once where the camera itself tells, and after the heartbeat's patience where
@@ -75,6 +78,7 @@ class SimCamera final : public rig::Camera {
   struct Shot {
     ExposureJob job;
     ShotFaults faults;
+    bool is_line_high = false;  // when it began
   };
 
   void take(const LinePulse& pulse, const ShotFaults& faults);
@@ -84,7 +88,7 @@ class SimCamera final : public rig::Camera {
   void deliver(rig::HostTime arrival, const Shot& shot, std::vector<std::byte> pixels);
   // Rounds of resend requests until all packets are there; nullopt: too many.
   std::optional<int> resend_rounds(const ShotFaults& faults, std::size_t byte_count) const;
-  rig::Frame make_frame(const ExposureJob& job, std::vector<std::byte> pixels) const;
+  rig::Frame make_frame(const Shot& shot, std::vector<std::byte> pixels) const;
   void expose(const ExposureJob& job, std::vector<std::byte>& pixels) const;
   rig::CameraClock::time_point camera_time(rig::HostTime time) const;
 
@@ -112,6 +116,7 @@ class SimCamera final : public rig::Camera {
   bool is_controlled_by_other_ = false;
   std::chrono::nanoseconds clock_step_{0};
   std::chrono::microseconds last_exposure_{0};
+  bool is_line_high_ = false;
   rig::CameraCounters counters_;
 };
 

@@ -65,8 +65,9 @@ rig::DisplayReport SimProjector::report() const {
   report.measured_refresh_hz = refresh_hz;
   report.interval_max_ms = 1e3 / refresh_hz;
   report.is_gamma_identity = true;
-  report.is_vsynced = true;
-  report.text = "simulated projector, every interval exact";
+  report.is_vsynced = timing_.is_synchronised;
+  report.text = timing_.is_synchronised ? "simulated projector, every interval exact"
+                                        : "simulated projector, not synchronised";
   return report;
 }
 
@@ -123,10 +124,19 @@ void SimProjector::swap() {
   const FlipFaults flip = *std::exchange(flip_, std::nullopt);
   requests_.pop_front();
   shown_ = request;
-  timeline_.post(rig::PictureShown{request.show_id, timeline_.now()});
-  light(timeline_.now() + timing_.input_lag_refreshes * timing_.refresh_interval + flip.delay,
+  tell_of_swap(request.show_id);
+  light(timeline_.now() + timing_.input_lag_refreshes * timing_.refresh_interval +
+            timing_.light_delay + flip.delay,
         request, flip);
   if (!requests_.empty()) schedule_swap();
+}
+
+void SimProjector::tell_of_swap(std::uint64_t show_id) {
+  const rig::HostTime told = timeline_.now() + timing_.report_delay;
+  if (timing_.report_delay.count() == 0) return timeline_.post(rig::PictureShown{show_id, told});
+  timeline_.schedule(told, [this, show_id, told] {
+    timeline_.post(rig::PictureShown{show_id, told});
+  });
 }
 
 void SimProjector::light(rig::HostTime when, const rig::ShowRequest& request,

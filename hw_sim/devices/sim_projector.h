@@ -18,6 +18,10 @@ namespace hw_sim {
 struct DisplayTiming {
   std::chrono::nanoseconds refresh_interval{16'666'667};
   int input_lag_refreshes = 1;  // from the swap to the light
+  bool is_synchronised = true;  // as the start-up check finds
+  // A starved computer: swaps are told of, and their light comes, that much late.
+  std::chrono::nanoseconds report_delay{0};
+  std::chrono::nanoseconds light_delay{0};
 };
 
 // Which picture of a load, and under which square, a Picture::id of a SimProjector stands for.
@@ -55,6 +59,7 @@ class SimProjector final : public rig::Projector {
   rig::HostTime next_vertical_blank() const;
   void schedule_swap();
   void swap();
+  void tell_of_swap(std::uint64_t show_id);
   void light(rig::HostTime when, const rig::ShowRequest& request, const FlipFaults& faults);
   std::shared_ptr<const Picture> compose(const rig::ShowRequest& request) const;
   std::shared_ptr<const Picture> after_gamma(const std::shared_ptr<const Picture>& picture) const;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <iterator>
 
 #include "hw_sim/gige/big_endian.h"
 
@@ -11,6 +12,8 @@ namespace {
 
 constexpr std::uint32_t value_of(auto enumerator) { return static_cast<std::uint32_t>(enumerator); }
 constexpr std::size_t kChunkTrailerBytes = 8;  // id and length behind each chunk
+// More than there can be while an exposure is read out.
+constexpr std::size_t kLineChangeLimit = 256;
 
 std::chrono::microseconds to_microseconds(float exposure_us) {
   return std::chrono::microseconds(std::llround(exposure_us));
@@ -68,6 +71,19 @@ GvcpStatus CameraModel::write(std::uint32_t address, std::uint32_t value, rig::H
 std::optional<Shot> CameraModel::pulse(rig::HostTime start, std::chrono::microseconds width) {
   if (registers_.get(kTriggerSource) != value_of(TriggerSource::kLine1)) return std::nullopt;
   return shoot(start, width);
+}
+
+void CameraModel::set_line(rig::HostTime time, bool is_high) {
+  line_changes_.insert_or_assign(time, is_high);
+  if (line_changes_.size() > kLineChangeLimit) line_changes_.erase(line_changes_.begin());
+}
+
+// LineStatusAll, as it was at `time`.
+std::uint64_t CameraModel::line_status(rig::HostTime time) const {
+  const auto later = line_changes_.upper_bound(time);
+  const bool is_high = later != line_changes_.begin() && std::prev(later)->second;
+  const bool is_inverted = registers_.get(kLineInverter) != 0;
+  return is_high != is_inverted ? std::uint64_t{1} << value_of(Line::kLine1) : 0;
 }
 
 bool CameraModel::is_trigger(bool is_rise) const {
@@ -297,6 +313,8 @@ std::uint64_t CameraModel::chunk_content(Chunk chunk, const ExposureJob& job,
       return static_cast<std::uint64_t>(std::max(job.sequencer_set, 0));
     case Chunk::kTimestamp:
       return block.timestamp_ns;
+    case Chunk::kLineStatusAll:
+      return line_status(job.start);
     case Chunk::kImage:
       break;
   }

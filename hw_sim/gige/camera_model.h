@@ -5,6 +5,7 @@
 #include <array>
 #include <chrono>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <span>
 
@@ -45,6 +46,8 @@ class CameraModel {
 
   // A pulse on Line1. nullopt where it starts no exposure.
   std::optional<Shot> pulse(rig::HostTime start, std::chrono::microseconds width);
+  // Line1 has that level from `time` on; what it triggers is pulse()'s.
+  void set_line(rig::HostTime time, bool is_high);
   // Is Line1's going up, or down, a trigger?
   bool is_trigger(bool is_rise) const;
   // A shot by TriggerSoftware since the last call.
@@ -85,6 +88,7 @@ class CameraModel {
   std::size_t image_bytes() const;
   std::size_t chunk_bytes() const;
   std::uint64_t counter(Counter which) const;
+  std::uint64_t line_status(rig::HostTime time) const;
   void append_chunks(const ExposureJob& job, GvspBlock& block) const;
   std::uint64_t chunk_content(Chunk chunk, const ExposureJob& job, const GvspBlock& block) const;
 
@@ -98,6 +102,7 @@ class CameraModel {
   std::uint64_t acquisition_number_ = 0;
   std::uint64_t last_block_id_ = 0;
   std::optional<Shot> software_shot_;
+  std::map<rig::HostTime, bool> line_changes_;  // Line1's latest, and its level from then on
 };
 
 }  // namespace hw_sim

@@ -164,7 +164,17 @@ constexpr std::array<ChunkFeature, kChunkCount - 1> kChunkFeatures{{
     {Chunk::kCounterValue, "ChunkCounterValue", Kind::kInteger},
     {Chunk::kSequencerSetActive, "ChunkSequencerSetActive", Kind::kInteger},
     {Chunk::kTimestamp, "ChunkTimestamp", Kind::kInteger},
+    {Chunk::kLineStatusAll, "ChunkLineStatusAll", Kind::kInteger},
 }};
+
+bool is_selectable(const std::vector<Register>& table, Chunk chunk) {
+  for (const Register& row : table) {
+    if (row.address != kChunkSelector) continue;
+    for (const auto& [name, value] : row.entries)
+      if (value == static_cast<std::uint32_t>(chunk)) return true;
+  }
+  return false;
+}
 
 std::string chunk_nodes(const ChunkFeature& feature) {
   const std::string name(feature.name);
@@ -209,6 +219,7 @@ std::string make_genicam_xml(const std::vector<Register>& table) {
   for (const char* name : {"GevSCPSPacketSize", "GevSCPSDoNotFragment", "GevSCPSFireTestPacket"})
     categories["TransportLayerControl"] += element("pFeature", name);
   for (const ChunkFeature& feature : kChunkFeatures) {
+    if (!is_selectable(table, feature.chunk)) continue;
     features += chunk_nodes(feature);
     categories["ChunkDataControl"] += element("pFeature", feature.name);
   }

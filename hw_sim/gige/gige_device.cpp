@@ -140,7 +140,8 @@ GigeDevice::Impl::Impl(const GigeDeviceOptions& options, const World& world,
               .height_px = world.height_px(),
               .pixel_formats = options.pixel_formats,
               .has_any_edge = options.has_any_edge,
-              .has_debouncer = options.has_debouncer},
+              .has_debouncer = options.has_debouncer,
+              .has_line_status = options.has_line_status},
              options.readout,
              {.power_up = rig::HostClock::now(),
               .offset = options.clock_offset,
@@ -154,6 +155,10 @@ void GigeDevice::Impl::pulse(rig::HostTime start, std::chrono::microseconds widt
       options_.faults != nullptr ? options_.faults->take_shot() : ShotFaults{};
   if (take_one(faults.unseen_pulses) || planned.is_trigger_missed) return;
   const std::lock_guard lock(mutex_);
+  if (width.count() > 0) {
+    model_.set_line(start, true);
+    model_.set_line(start + width, false);
+  }
   shoot(planned, start, width, [&] { return model_.pulse(start, width); });
 }
 
@@ -161,6 +166,7 @@ bool GigeDevice::Impl::line(rig::HostTime time, bool is_high) {
   bool is_beginning = false;
   {
     const std::lock_guard lock(mutex_);
+    model_.set_line(time, is_high);
     if (!model_.is_trigger(is_high)) return false;
     is_beginning = tell_of_trigger(time);
   }

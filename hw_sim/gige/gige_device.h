@@ -32,8 +32,9 @@ struct GigeDeviceOptions {
   FaultSchedule* faults = nullptr;  // outlives the device
   // In a rig without a trigger box: it tells `faults` how far a capture is.
   bool is_the_trigger = false;
-  bool has_any_edge = true;   // TriggerActivation AnyEdge
-  bool has_debouncer = true;  // LineDebouncerTime
+  bool has_any_edge = true;     // TriggerActivation AnyEdge
+  bool has_debouncer = true;    // LineDebouncerTime
+  bool has_line_status = true;  // chunk LineStatusAll
 };
 
 struct GigeDeviceCounters {

@@ -98,6 +98,18 @@ Entries activation_entries(const DeviceDescription& description) {
   return entries;
 }
 
+Entries chunk_entries(const DeviceDescription& description) {
+  Entries entries{{"Image", value_of(Chunk::kImage)},
+                  {"ExposureTime", value_of(Chunk::kExposureTime)},
+                  {"FrameID", value_of(Chunk::kFrameId)},
+                  {"CounterValue", value_of(Chunk::kCounterValue)},
+                  {"SequencerSetActive", value_of(Chunk::kSequencerSetActive)},
+                  {"Timestamp", value_of(Chunk::kTimestamp)}};
+  if (description.has_line_status)
+    entries.emplace_back("LineStatusAll", value_of(Chunk::kLineStatusAll));
+  return entries;
+}
+
 Register locked(Register row) {
   row.is_locked_while_acquiring = true;
   return row;
@@ -208,20 +220,14 @@ std::vector<Register> imaging_registers(const DeviceDescription& description) {
   };
 }
 
-std::vector<Register> sequencer_and_data_registers() {
+std::vector<Register> sequencer_and_data_registers(const DeviceDescription& description) {
   return {
       locked({.address = kChunkModeActive,
               .name = "ChunkModeActive",
               .kind = Kind::kBoolean,
               .category = "ChunkDataControl",
               .max = 1}),
-      enumeration(kChunkSelector, "ChunkSelector", "ChunkDataControl",
-                  {{"Image", value_of(Chunk::kImage)},
-                   {"ExposureTime", value_of(Chunk::kExposureTime)},
-                   {"FrameID", value_of(Chunk::kFrameId)},
-                   {"CounterValue", value_of(Chunk::kCounterValue)},
-                   {"SequencerSetActive", value_of(Chunk::kSequencerSetActive)},
-                   {"Timestamp", value_of(Chunk::kTimestamp)}},
+      enumeration(kChunkSelector, "ChunkSelector", "ChunkDataControl", chunk_entries(description),
                   {"ChunkEnable"}),
       locked({.address = kChunkEnable,
               .name = "ChunkEnable",
@@ -266,20 +272,30 @@ std::vector<Register> sequencer_and_data_registers() {
 }
 
 std::vector<Register> line_registers(const DeviceDescription& description) {
-  if (!description.has_debouncer) return {};
-  return {enumeration(kLineSelector, "LineSelector", "DigitalIOControl",
-                      {{"Line1", value_of(TriggerSource::kLine1)}}, {"LineDebouncerTime"}),
-          {.address = kLineDebouncerTime,
-           .name = "LineDebouncerTime",
-           .kind = Kind::kFloat,
-           .category = "DigitalIOControl",
-           .max = 20'000,
-           .unit = "us"}};
+  // Of Line1 alone: nothing is ever plugged into Line0.
+  std::vector<Register> rows{
+      enumeration(kLineSelector, "LineSelector", "DigitalIOControl",
+                  {{"Line0", value_of(Line::kLine0)}, {"Line1", value_of(Line::kLine1)}},
+                  {"LineInverter"}),
+      {.address = kLineInverter,
+       .name = "LineInverter",
+       .kind = Kind::kBoolean,
+       .category = "DigitalIOControl",
+       .max = 1}};
+  if (!description.has_debouncer) return rows;
+  rows.front().selected.emplace_back("LineDebouncerTime");
+  rows.push_back({.address = kLineDebouncerTime,
+                  .name = "LineDebouncerTime",
+                  .kind = Kind::kFloat,
+                  .category = "DigitalIOControl",
+                  .max = 20'000,
+                  .unit = "us"});
+  return rows;
 }
 
 std::vector<Register> make_table(const DeviceDescription& description) {
   std::vector<Register> table = bootstrap_registers();
-  for (auto&& rows : {imaging_registers(description), sequencer_and_data_registers(),
+  for (auto&& rows : {imaging_registers(description), sequencer_and_data_registers(description),
                       line_registers(description)})
     table.insert(table.end(), rows.begin(), rows.end());
   return table;
@@ -342,7 +358,8 @@ RegisterMap::RegisterMap(const DeviceDescription& description)
   if (const auto format = find_pixel_format(std::string_view(description.pixel_formats.front())))
     set(kPixelFormat, format->code);
   set_float(kExposureTime, 10'000);
-  set(kChunkEnable, 1);  // ChunkSelector stands at Image, which is always on
+  set(kLineInverter, 1);  // as whoever used it last may have left it
+  set(kChunkEnable, 1);   // ChunkSelector stands at Image, which is always on
 }
 
 std::uint32_t RegisterMap::get(std::uint32_t address) const { return get32(&memory_[address]); }

@@ -91,12 +91,14 @@ enum RegisterAddress : std::uint32_t {
   kCounterReset = 0xA0AC,
   kLineSelector = 0xA0B0,
   kLineDebouncerTime = 0xA0B4,
+  kLineInverter = 0xA0B8,
 
   kXmlStart = 0x10000
 };
 
 // Values of enumerations, as written into their registers.
 enum class TriggerSource : std::uint32_t { kSoftware = 0, kLine1 = 1 };
+enum class Line : std::uint32_t { kLine0 = 0, kLine1 = 1 };  // and its bit in LineStatusAll
 enum class TriggerActivation : std::uint32_t { kRisingEdge = 0, kAnyEdge = 1 };
 enum class ExposureMode : std::uint32_t { kTimed = 0, kTriggerWidth = 1 };
 enum class SequencerTrigger : std::uint32_t { kOff = 0, kFrameStart = 1 };
@@ -110,9 +112,10 @@ enum class Chunk : std::uint32_t {
   kFrameId,
   kCounterValue,
   kSequencerSetActive,
-  kTimestamp
+  kTimestamp,
+  kLineStatusAll
 };
-inline constexpr std::uint32_t kChunkCount = 6;
+inline constexpr std::uint32_t kChunkCount = 7;
 inline constexpr std::uint32_t kFirstChunkId = 0x1000;
 inline constexpr std::uint32_t kImageChunkId = kFirstChunkId;
 inline constexpr std::uint32_t kChunkBytes = 8;  // of each chunk but the image
@@ -150,6 +153,7 @@ struct DeviceDescription {
   std::vector<std::string> pixel_formats;  // PFNC names; the first is the default
   bool has_any_edge = true;                // TriggerActivation; else RisingEdge alone
   bool has_debouncer = true;               // LineDebouncerTime
+  bool has_line_status = true;             // chunk LineStatusAll
 };
 
 // Memory and its rules; what a write sets in motion is camera_model.h. Not thread-safe.
@@ -180,7 +184,7 @@ class RegisterMap {
   std::string xml_;  // padded with zeros to whole words
 };
 
-// The GenICam description of `table` and of the chunks.
+// The GenICam description of `table` and of the chunks that its ChunkSelector names.
 std::string make_genicam_xml(const std::vector<Register>& table);
 
 }  // namespace hw_sim

@@ -62,6 +62,12 @@ constexpr std::array<ChunkName, 2> kTriggerChunks{
 constexpr std::array<ChunkName, 2> kSetChunks{
     {{"SequencerSetActive", "ChunkSequencerSetActive"},
      {"SequenceSetIndex", "ChunkSequenceSetIndex"}}};  // Basler ace, GigE
+// The level at the exposure's end (FLIR) is that at its begin, too: a change in between would be
+// one more trigger in the camera's count.
+constexpr std::array<ChunkName, 2> kLineChunks{
+    {{"LineStatusAll", "ChunkLineStatusAll"},
+     {"ExposureEndLineStatusAll", "ChunkExposureEndLineStatusAll"}}};
+constexpr int kLineBitLimit = 63;
 // SFNC, and the name of before SFNC 1.5 (Aravis' fake camera).
 constexpr std::array<const char*, 2> kExposureNames{"ExposureTime", "ExposureTimeAbs"};
 constexpr std::array<const char*, 2> kDebouncerNames{"LineDebouncerTime", "LineDebouncerTimeAbs"};
@@ -79,9 +85,11 @@ constexpr std::array<ClockNames, 2> kClockNames{
 
 // Which chunks this camera sends; empty where it has none.
 struct ChunkFeatures {
-  std::string exposure, trigger_count, sequencer_set;
+  std::string exposure, trigger_count, sequencer_set, line_status;
+  int line_bit = 0;  // the trigger line's, in line_status
   bool is_active() const {
-    return !exposure.empty() || !trigger_count.empty() || !sequencer_set.empty();
+    return !exposure.empty() || !trigger_count.empty() || !sequencer_set.empty() ||
+           !line_status.empty();
   }
 };
 
@@ -342,7 +350,9 @@ class Acquisition {
       answers.exposure_us = arv_chunk_parser_get_float_value(parser, buffer, name.c_str(), &error);
     answers.trigger_count = integer(parts_.chunks.trigger_count);
     answers.sequencer_set = integer(parts_.chunks.sequencer_set);
-    if (error == nullptr) return take_chunks(answers, trigger_base_, frame);
+    answers.line_status = integer(parts_.chunks.line_status);
+    if (error == nullptr)
+      return take_chunks(answers, {trigger_base_, parts_.chunks.line_bit}, frame);
     const std::string cause = error->message;
     g_clear_error(&error);
     return failure(Fault::kFrameMalformed,
@@ -446,7 +456,9 @@ class AravisCamera::Impl {
   Result<void> set_counters();
   Result<void> set_trigger();
   Result<void> set_trigger_edge();
+  Result<void> set_line_level();
   Result<void> set_line_debounce();
+  void note(const std::string& text);
 
   Result<void> check_exposures(const std::vector<std::chrono::microseconds>& exposures) const;
   Result<void> set_exposures(const std::vector<std::chrono::microseconds>& exposures);
@@ -680,6 +692,14 @@ Result<void> AravisCamera::Impl::set_chunks() {
   chunks_.exposure = enable(kExposureChunks);
   chunks_.trigger_count = enable(kTriggerChunks);
   chunks_.sequencer_set = enable(kSetChunks);
+  // Which bit is whose differs between cameras; they begin with the first line that there is.
+  const std::vector<std::string> lines = features_.entries("LineSelector");
+  const auto line = std::find(lines.begin(), lines.end(), settings_.trigger_line);
+  chunks_.line_bit = static_cast<int>(line - lines.begin());
+  if (settings_.trigger_edge == TriggerEdge::kAny && line != lines.end() &&
+      chunks_.line_bit <= kLineBitLimit)
+    chunks_.line_status = enable(kLineChunks);
+  identity_.tells_line_level = !chunks_.line_status.empty();
   return chunks_.is_active() ? Result<void>{} : features_.set_flag("ChunkModeActive", false);
 }
 
@@ -726,7 +746,23 @@ Result<void> AravisCamera::Impl::set_trigger_edge() {
                    at("the camera at ") +
                        " does not say with its frames how many triggers it has seen" + kRemedy);
   return in_order([&] { return features_.set_text("TriggerActivation", "AnyEdge"); },
-                  [&] { return set_line_debounce(); });
+                  [&] { return set_line_level(); }, [&] { return set_line_debounce(); });
+}
+
+// The frames are to tell the level as it is at the plug.
+Result<void> AravisCamera::Impl::set_line_level() {
+  if (!identity_.tells_line_level) {
+    note(at("the camera at ") + " does not say with its frames which level " +
+         settings_.trigger_line +
+         " had (chunk LineStatusAll): the display must keep time for a capture to be complete");
+    return {};
+  }
+  if (auto set = features_.set_text("LineSelector", settings_.trigger_line); !set) return set;
+  return features_.has("LineInverter") ? features_.set_flag("LineInverter", false) : Result<void>{};
+}
+
+void AravisCamera::Impl::note(const std::string& text) {
+  identity_.note.append(identity_.note.empty() ? "" : "; ").append(text);
 }
 
 // Each bounce of the photodiode would be a trigger.
@@ -750,9 +786,8 @@ Result<void> AravisCamera::Impl::set_line_debounce() {
         remedy);
   }
   if (settings_.line_debounce.count() > 0)
-    identity_.note = at("the camera at ") + " has no LineDebouncerTime: an edge of " +
-                     settings_.trigger_line +
-                     " that bounces is several triggers; see that the photodiode's level is clean";
+    note(at("the camera at ") + " has no LineDebouncerTime: an edge of " + settings_.trigger_line +
+         " that bounces is several triggers; see that the photodiode's level is clean");
   return {};
 }
 

@@ -24,7 +24,7 @@ std::int64_t counted_since(std::int64_t base, std::int64_t count) {
   return count - base;
 }
 
-Result<void> take_chunks(const ChunkAnswers& answers, std::int64_t trigger_base, Frame& frame) {
+Result<void> take_chunks(const ChunkAnswers& answers, const ChunkKey& key, Frame& frame) {
   if (answers.exposure_us) {
     const double exposure_us = *answers.exposure_us;
     if (!(exposure_us >= 0 && exposure_us <= kLongestExposure_us))
@@ -33,10 +33,10 @@ Result<void> take_chunks(const ChunkAnswers& answers, std::int64_t trigger_base,
     frame.exposure = std::chrono::microseconds(std::llround(exposure_us));
   }
   if (answers.trigger_count) {
-    const std::int64_t count = counted_since(trigger_base, *answers.trigger_count);
+    const std::int64_t count = counted_since(key.trigger_base, *answers.trigger_count);
     if (count < 0)
       return malformed(frame.block_id, "trigger count " + std::to_string(*answers.trigger_count) +
-                                           ", which stood at " + std::to_string(trigger_base) +
+                                           ", which stood at " + std::to_string(key.trigger_base) +
                                            " when arming");
     frame.trigger_count = static_cast<std::uint64_t>(count);
   }
@@ -46,6 +46,7 @@ Result<void> take_chunks(const ChunkAnswers& answers, std::int64_t trigger_base,
       return malformed(frame.block_id, "sequencer set " + std::to_string(set));
     frame.sequencer_set = static_cast<int>(set);
   }
+  if (answers.line_status) frame.is_line_high = (*answers.line_status >> key.line_bit & 1) != 0;
   return {};
 }
 

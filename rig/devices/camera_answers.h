@@ -16,11 +16,17 @@ struct ChunkAnswers {
   std::optional<double> exposure_us;
   std::optional<std::int64_t> trigger_count;  // since the counter was reset
   std::optional<std::int64_t> sequencer_set;
+  std::optional<std::int64_t> line_status;  // a bit a line
 };
 
-// Puts them into the frame; `trigger_base` is where the trigger counter stood when arming. Errors:
-// kFrameMalformed for what no exposure, counter or set can be.
-Result<void> take_chunks(const ChunkAnswers& answers, std::int64_t trigger_base, Frame& frame);
+// How to read them.
+struct ChunkKey {
+  std::int64_t trigger_base = 0;  // where the trigger counter stood when arming
+  int line_bit = 0;               // the trigger line's, in line_status
+};
+
+// Puts them into the frame. Errors: kFrameMalformed for what no exposure, counter or set can be.
+Result<void> take_chunks(const ChunkAnswers& answers, const ChunkKey& key, Frame& frame);
 
 // Pulses since the counter stood at `base`; -1 if it cannot be one that counts up.
 std::int64_t counted_since(std::int64_t base, std::int64_t count);

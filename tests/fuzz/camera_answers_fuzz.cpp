@@ -27,15 +27,18 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     if ((which & 2U) != 0) answers.exposure_us = source.take<double>();
     if ((which & 4U) != 0) answers.trigger_count = source.take<std::int64_t>();
     if ((which & 8U) != 0) answers.sequencer_set = source.take<std::int64_t>();
+    if ((which & 16U) != 0) answers.line_status = source.take<std::int64_t>();
     rig::Frame frame;
     frame.block_id = block_id.value_or(0);
-    if (const auto taken = rig::take_chunks(answers, trigger_base, frame); !taken) {
+    if (const auto taken = rig::take_chunks(answers, {.trigger_base = trigger_base}, frame);
+        !taken) {
       fuzz::require_message(taken.error().detail, "block");
       continue;
     }
     estimation::check(frame.exposure.has_value() == answers.exposure_us.has_value() &&
                           frame.trigger_count.has_value() == answers.trigger_count.has_value() &&
-                          frame.sequencer_set.has_value() == answers.sequencer_set.has_value(),
+                          frame.sequencer_set.has_value() == answers.sequencer_set.has_value() &&
+                          frame.is_line_high.has_value() == answers.line_status.has_value(),
                       "each chunk is taken");
   }
   return 0;

@@ -10,24 +10,27 @@ using rig::ChunkAnswers;
 
 rig::Result<void> taken(const ChunkAnswers& answers, std::int64_t trigger_base = 0) {
   rig::Frame frame;
-  return rig::take_chunks(answers, trigger_base, frame);
+  return rig::take_chunks(answers, {.trigger_base = trigger_base}, frame);
 }
 
 TEST(CameraAnswers, ChunksCountFromTheArming) {
   rig::Frame frame;
-  const ChunkAnswers answers{.exposure_us = 999.6, .trigger_count = 12, .sequencer_set = 1};
-  ASSERT_TRUE(rig::take_chunks(answers, 10, frame));
+  const ChunkAnswers answers{
+      .exposure_us = 999.6, .trigger_count = 12, .sequencer_set = 1, .line_status = 0b101};
+  ASSERT_TRUE(rig::take_chunks(answers, {.trigger_base = 10, .line_bit = 1}, frame));
   EXPECT_EQ(frame.exposure, std::chrono::microseconds(1000));
   EXPECT_EQ(frame.trigger_count, 2U);
   EXPECT_EQ(frame.sequencer_set, 1);
+  EXPECT_EQ(frame.is_line_high, false) << "the lines beside it are high";
 }
 
 TEST(CameraAnswers, AnExposureThatNoneCanBeIsMalformed) {
   for (const double exposure_us : {-1.0, 1e9, std::numeric_limits<double>::infinity(),
                                    std::numeric_limits<double>::quiet_NaN()}) {
     SCOPED_TRACE(exposure_us);
-    const auto result = taken(
-        {.exposure_us = exposure_us, .trigger_count = std::nullopt, .sequencer_set = std::nullopt});
+    ChunkAnswers answers;
+    answers.exposure_us = exposure_us;
+    const auto result = taken(answers);
     ASSERT_FALSE(result);
     EXPECT_EQ(result.error().fault, rig::Fault::kFrameMalformed);
   }

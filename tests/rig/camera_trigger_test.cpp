@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -47,8 +48,10 @@ class CameraTriggerTest : public testing::Test, public EventSink {
     EXPECT_TRUE(trigger_.arm({milliseconds(10), milliseconds(40)}, 1));
   }
   void post(Event event) override { events_.push_back(std::move(event)); }
-  void frame(std::uint64_t block_id, std::uint64_t trigger_count, milliseconds start) {
+  void frame(std::uint64_t block_id, std::uint64_t trigger_count, milliseconds start,
+             std::optional<bool> is_line_high = {}) {
     Frame frame;
+    frame.is_line_high = is_line_high;
     frame.block_id = block_id;
     frame.trigger_count = trigger_count;
     frame.timestamp = CameraClock::time_point(kCameraAhead + start);
@@ -81,6 +84,13 @@ TEST_F(CameraTriggerTest, AFrameIsAnEdgeAndItsPulseOnTheHostsClock) {
   EXPECT_EQ(pulse->edge_number, 2U);
   EXPECT_EQ(pulse->pulse_index, 0);
   EXPECT_EQ(pulse->ended - pulse->started, milliseconds(40)) << "exposures take turns";
+}
+
+TEST_F(CameraTriggerTest, TheLevelIsTheLinesWhateverTheCount) {
+  frame(1, 1, milliseconds(50), true);
+  frame(2, 2, milliseconds(100), true);  // no change of the square made it
+  EXPECT_TRUE(event<EdgeSeen>(0)->is_light);
+  EXPECT_TRUE(event<EdgeSeen>(3)->is_light);
 }
 
 TEST_F(CameraTriggerTest, AFrameThatComesTwiceIsOneEdge) {

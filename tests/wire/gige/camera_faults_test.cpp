@@ -335,6 +335,44 @@ TEST_F(CameraFaults, AnyEdgeOfTheLineIsATrigger) {
   expect(3, 0);
 }
 
+TEST_F(CameraFaults, EachFrameTellsTheLevelOfItsLine) {
+  auto bench = std::make_unique<WireBench>();
+  bench->settings.trigger_edge = rig::TriggerEdge::kAny;
+  hw_sim::FaultPlan plan;
+  plan.faults.push_back(hw_sim::default_fault(hw_sim::FaultKind::kTriggerDoubled));
+  plan.faults.back().place = hw_sim::FaultPlace{hw_sim::kPrimingShowing, 1};
+  hw_sim::FaultSchedule faults(plan);
+  bench->options.faults = &faults;
+  bench->options.is_the_trigger = true;
+  ASSERT_NO_FATAL_FAILURE(open(std::move(bench)));
+  EXPECT_TRUE(camera_->identity().tells_line_level);
+  ASSERT_NO_FATAL_FAILURE(arm(4));
+  for (const bool is_high : {true, false, true}) {
+    bench_->device().line(rig::HostClock::now(), is_high);
+    collect(rig::HostClock::now() + milliseconds(30), [] { return false; });
+  }
+  expect(4, 0);
+  EXPECT_EQ(frames_[0].is_line_high, true) << "the driver turns an inverter off";
+  EXPECT_EQ(frames_[1].is_line_high, false);
+  EXPECT_EQ(frames_[2].is_line_high, false) << "a trigger that the line did not make";
+  EXPECT_EQ(frames_[3].is_line_high, true);
+  camera_.reset();
+  bench_.reset();  // before the schedule of its faults
+}
+
+TEST(GigeDevice, ACameraThatDoesNotTellTheLevelSaysSo) {
+  for (const bool is_any_edge : {true, false}) {
+    WireBench bench;
+    bench.options.has_line_status = false;
+    if (is_any_edge) bench.settings.trigger_edge = rig::TriggerEdge::kAny;
+    const auto camera = bench.open();
+    ASSERT_TRUE(camera.has_value()) << camera.error().detail;
+    EXPECT_FALSE((*camera)->identity().tells_line_level);
+    EXPECT_EQ((*camera)->identity().note.find("chunk LineStatusAll") != std::string::npos,
+              is_any_edge);
+  }
+}
+
 // set_number() reads it back.
 TEST_F(CameraFaults, APhotodiodesBouncesAreFilteredByTheCamera) {
   auto bench = std::make_unique<WireBench>();

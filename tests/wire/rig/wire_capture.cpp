@@ -33,6 +33,7 @@ WireMode WireMode::of(int word_count, const char* const* words) {
   WireMode mode;
   if (word_count > 0) mode.sync = words[0];
   if (word_count > 1) mode.pace = words[1];
+  if (word_count > 2) mode.has_line_status = words[2] != std::string("without-line-status");
   return mode;
 }
 
@@ -77,7 +78,8 @@ void WireCapture::set_reopen_deadline(std::chrono::milliseconds time) const {
       toml, "reopen_deadline_ms = " + std::to_string(time.count()));
 }
 
-void WireCapture::set_mode(const WireMode& mode) const {
+void WireCapture::set_mode(const WireMode& mode) {
+  has_line_status_ = mode.has_line_status;
   const std::string toml = read_text(rig_file());
   std::ofstream(rig_file()) << mode.rig_text(toml);
 }
@@ -89,12 +91,15 @@ int WireCapture::run(const std::string& plan) const {
 
 rig::Result<hw_sim::ChildProcess> WireCapture::start(const std::string& plan) const {
   std::ofstream(folder_ / "plan.toml") << plan;
-  return hw_sim::ChildProcess::start(
-      {.argv = {SSRIG_SIM, "run", "--rig", rig_file(), "--scene", "ledger", "--faults",
-                folder_ / "plan.toml", "--", SSRIG, "capture", "--rig", rig_file(), "--out",
-                folder_ / "out"},
-       .environment = {{"TMPDIR", (folder_ / "tmp").string()}},
-       .output = folder_ / "output"});
+  std::vector<std::string> argv{SSRIG_SIM, "run",    "--rig",    rig_file(),
+                                "--scene", "ledger", "--faults", folder_ / "plan.toml"};
+  if (!has_line_status_) argv.emplace_back("--without-line-status");
+  for (const std::string& word : std::vector<std::string>{"--", SSRIG, "capture", "--rig",
+                                                          rig_file(), "--out", folder_ / "out"})
+    argv.push_back(word);
+  return hw_sim::ChildProcess::start({.argv = std::move(argv),
+                                      .environment = {{"TMPDIR", (folder_ / "tmp").string()}},
+                                      .output = folder_ / "output"});
 }
 
 rig::Result<hw_sim::ChildProcess> WireCapture::start_without_rig() const {

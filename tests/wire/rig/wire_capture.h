@@ -12,9 +12,11 @@
 #include "rig/fault.h"
 #include "tests/wire/rig/ledger_session.h"
 
-// A sync mode and a pace, by their names in a rig file.
+// A sync mode and a pace, by their names in a rig file, and with "without-line-status" a camera
+// that does not tell the level of its line.
 struct WireMode {
   std::string sync = "trigger_box", pace = "handshake";
+  bool has_line_status = true;  // the camera tells the level of its line
 
   // The first words' that there are.
   static WireMode of(int word_count, const char* const* words);
@@ -35,7 +37,7 @@ class WireCapture {
 
   // Into the rig file's [sequence], before run().
   void set_reopen_deadline(std::chrono::milliseconds time) const;
-  void set_mode(const WireMode& mode) const;
+  void set_mode(const WireMode& mode);
   // The exit code; once. `plan` is a plan of faults in TOML.
   int run(const std::string& plan) const;
   // The same in two steps; and ssrig by itself, without a rig around it.
@@ -50,4 +52,5 @@ class WireCapture {
  private:
   std::filesystem::path rig_file() const { return folder_ / "rig.toml"; }
   std::filesystem::path folder_;
+  bool has_line_status_ = true;
 };

@@ -1,8 +1,8 @@
 // Every fault at the first, a middle and the last slot and at rest, over the real wires, one
 // capture each: a line a fault, and failure if a frame is in a wrong slot, if a session is not what
 // its exit code says, or if a capture hangs.
-// usage: wire_fault_places [FIRST_FAULT [LAST_FAULT [SYNC [PACE]]]] (numbers, then a rig file's
-// words)
+// usage: wire_fault_places [FIRST_FAULT [LAST_FAULT [SYNC [PACE [without-line-status]]]]] (numbers,
+// then a rig file's words)
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -23,7 +23,7 @@ struct Tally {
 std::string try_at(const WireMode& mode, hw_sim::FaultKind kind, const std::string& place,
                    Tally& tally) {
   if (place == "at = \"idle\"" && !hw_sim::is_possible_idle(kind)) return "-";
-  const WireCapture wire;
+  WireCapture wire;
   wire.set_mode(mode);
   const auto start = std::chrono::steady_clock::now();
   const int code =
