@@ -19,6 +19,10 @@ constexpr nanoseconds kPulseTimeUncertainty{100'000};
 // The camera's clock is read when it is armed, and drifts by up to 50 ppm from then on: 40 s.
 constexpr nanoseconds kCameraTimeUncertainty{2'000'000};
 
+// From asking for a picture to the report of its swap: up to a refresh to the vertical blank, and
+// as much again.
+constexpr int kPunctualRefreshes = 2;
+
 std::string in_us(nanoseconds time) {
   return std::to_string(duration_cast<microseconds>(time).count()) + " us";
 }
@@ -30,7 +34,8 @@ bool is_same_exposure(microseconds a, microseconds b) {
 
 }  // namespace
 
-Ledger::Ledger(LedgerRules rules, int pattern_count) : rules_(std::move(rules)) {
+Ledger::Ledger(LedgerRules rules, int pattern_count)
+    : rules_(std::move(rules)), lag_(rules_.refresh_interval) {
   check(!rules_.exposures.empty(), "a ledger needs at least one exposure");
   for (int pattern = 0; pattern < pattern_count; ++pattern)
     for (int bracket = 0; bracket < static_cast<int>(rules_.exposures.size()); ++bracket)
@@ -43,16 +48,19 @@ void Ledger::start_run() {
   held_.clear();
   camera_clock_ = {};
   last_edge_number_ = 0;
-  lag_.reset();
+  lag_.forget();
   primed_frame_count_ = 0;
+  is_priming_spoiled_ = false;
   is_primed_ = false;
 }
 
 void Ledger::open_showing(const Flip& flip) {
-  if (flip.pattern == kPrimePattern && flip.first_bracket == 0) {
-    // A priming that failed may have taught a wrong offset; the next one starts afresh.
+  if (flip.pattern == kPrimePattern && flip.first_bracket == 0 && is_priming_spoiled_) {
+    // It may have taught a wrong offset; the next one starts afresh.
     camera_clock_ = {};
+    lag_.forget();
     primed_frame_count_ = 0;
+    is_priming_spoiled_ = false;
   }
   Showing showing;
   showing.flip = flip;
@@ -104,9 +112,20 @@ Findings Ledger::picture_shown(const rig::PictureShown& shown) {
   for (Showing& showing : showings_) {
     if (showing.flip.show_id != shown.show_id) continue;
     showing.swapped = shown.swapped;
+    if (Findings late = check_swap(showing); !late.empty()) return late;
     return check_flip(showing);
   }
   return {};
+}
+
+// A display that keeps time swaps at the next vertical blank, and tells of it in the refresh after.
+Findings Ledger::check_swap(const Showing& showing) const {
+  const nanoseconds taken = *showing.swapped - showing.flip.requested;
+  if (!rules_.relies_on_swaps || showing.is_spoiled ||
+      taken <= rules_.refresh_interval * kPunctualRefreshes)
+    return {};
+  return {about(showing, Incident::kPictureLate,
+                "the picture was swapped in " + in_us(taken) + " after it was asked for")};
 }
 
 Findings Ledger::edge_seen(const rig::EdgeSeen& edge) {
@@ -132,16 +151,16 @@ Findings Ledger::edge_seen(const rig::EdgeSeen& edge) {
 Findings Ledger::check_flip(const Showing& showing) {
   if (showing.is_spoiled || !showing.swapped || !showing.edge) return {};
   if (rules_.latency) return check_latency(showing);
-  if (rules_.is_lag_checked) return check_lag(showing);
   // A swap is reported up to a refresh after the vertical blank at which it happened.
-  if (showing.edge->time >= *showing.swapped - rules_.refresh_interval) return {};
-  return {about(showing, Incident::kEdgeBeforeFlip,
-                "the edge came " + in_us(*showing.swapped - showing.edge->time) +
-                    " before the picture was swapped in")};
+  if (showing.edge->time < *showing.swapped - rules_.refresh_interval)
+    return {about(showing, Incident::kEdgeBeforeFlip,
+                  "the edge came " + in_us(*showing.swapped - showing.edge->time) +
+                      " before the picture was swapped in")};
+  return rules_.is_lag_checked ? check_lag(showing) : Findings{};
 }
 
-// A camera does not say what it saw, so a stray trigger must be told from our flip by its time; so
-// must a flip from the one before it, where pictures follow each other without waiting.
+// Another light must be told from our flip by its time; so must a flip from the one before it,
+// where pictures follow each other without waiting.
 Findings Ledger::check_lag(const Showing& showing) {
   const rig::HostTime edge = showing.edge->time;
   const nanoseconds early = showing.flip.requested - edge;
@@ -149,14 +168,12 @@ Findings Ledger::check_lag(const Showing& showing) {
     return {about(showing, Incident::kEdgeBeforeFlip,
                   "the edge came " + in_us(early) + " before the picture was asked for")};
   const nanoseconds lag = edge - *showing.swapped;
-  if (!lag_) lag_ = lag;
-  const nanoseconds difference = lag - *lag_;
-  // Swaps are reported up to a refresh late.
-  if (std::chrono::abs(difference) <= rules_.refresh_interval * 5 / 4) return {};
-  const bool is_early = difference < nanoseconds(0);
+  const std::optional<nanoseconds> off = is_primed_ ? lag_.check(lag) : lag_.learn(lag);
+  if (!off) return {};
+  const bool is_early = *off < nanoseconds(0);
   return {about(showing, is_early ? Incident::kEdgeBeforeFlip : Incident::kEdgeLate,
-                "the edge came " + in_us(std::chrono::abs(difference)) +
-                    (is_early ? " earlier" : " later") + " after the swap than the run's first")};
+                "the edge came " + in_us(std::chrono::abs(*off)) +
+                    (is_early ? " earlier" : " later") + " after the swap than in the priming")};
 }
 
 // Our own trigger: not before the light of the picture was there.
@@ -306,7 +323,8 @@ Verdict Ledger::decide(const FrameFacts& facts, Findings& findings) {
   pulse.wait = Wait::kArrived;
   camera_clock_.add(facts.timestamp, pulse.started, kPulseTimeUncertainty);
   if (showing.flip.pattern == kPrimePattern) {
-    if (++primed_frame_count_ == static_cast<int>(rules_.exposures.size())) is_primed_ = true;
+    const int wanted_count = rules_.priming_rounds * static_cast<int>(rules_.exposures.size());
+    if (++primed_frame_count_ >= wanted_count) is_primed_ = true;
     return verdict;
   }
   Slot& target = slot({showing.flip.pattern, pulse.bracket});
@@ -416,8 +434,11 @@ std::uint64_t Ledger::proved_show_id() const {
 }
 
 void Ledger::spoil_showing(std::uint64_t show_id) {
-  for (Showing& showing : showings_)
-    if (showing.flip.show_id == show_id) showing.is_spoiled = true;
+  for (Showing& showing : showings_) {
+    if (showing.flip.show_id != show_id) continue;
+    showing.is_spoiled = true;
+    is_priming_spoiled_ = is_priming_spoiled_ || showing.flip.pattern == kPrimePattern;
+  }
 }
 
 bool Ledger::is_spoiled(std::uint64_t show_id) const {

@@ -7,9 +7,14 @@
 //           through a clock map learnt in this run, must be that pulse's start; its exposure chunk
 //           must be that bracket's.
 // Without a trigger box each bracket is a showing of its own: one edge, one pulse, one frame, all
-// of them told by the camera (rig/camera_trigger.h). Then its count of edges and the time of each
-// are the proof: not before its picture was asked for, and as long after the swap as the run's
-// first.
+// of them told by the camera (rig/camera_trigger.h). Then its count of edges and the line's level
+// at the begin of each frame are the proof. In pace handshake they suffice however late the display
+// is: no flip is asked for before the frame of the last one, so the light is that flip's or an
+// earlier one's; the frame before proves that the last flip was shown, and the level that this one
+// was. The time of the edge says the rest: not before its picture was asked for, and as long after
+// the swap as in the priming (capture/swap_lag.h): no other light took the flip's place.
+// From a camera that does not tell the level (LedgerRules::relies_on_swaps) times are all there is,
+// and then the display must keep time: swaps that are late are findings, too.
 //
 // Plain data and decisions; no device, no clock of its own. Copyable.
 #pragma once
@@ -22,6 +27,7 @@
 
 #include "capture/plan.h"
 #include "capture/reaction.h"
+#include "capture/swap_lag.h"
 #include "rig/camera.h"
 #include "rig/clock.h"
 #include "rig/event.h"
@@ -44,8 +50,11 @@ struct LedgerRules {
   std::chrono::milliseconds edge_deadline{500};
   // Each bracket is a showing of its own, whose frame alone tells of its edge and pulse.
   bool has_edge_per_bracket = false;
-  // An edge must come as long after its swap as the run's first: else it is not known to be ours.
+  // An edge must come as long after its swap as in the priming: else it is not known to be ours.
   bool is_lag_checked = false;
+  // The level after an edge is not told, so that only the display's timing tells our flips.
+  bool relies_on_swaps = false;
+  int priming_rounds = 1;  // of all brackets
   // Sync mode software: how long after the swap the host triggers. There is no edge but that.
   std::optional<std::chrono::nanoseconds> latency{};
 
@@ -202,6 +211,7 @@ class Ledger {
   bool is_decidable(const FrameFacts& facts) const;
   Verdict decide(const FrameFacts& facts, Findings& findings);
   std::optional<Finding> contradiction(const FrameFacts& facts, const Pulse& pulse) const;
+  Findings check_swap(const Showing& showing) const;
   Findings check_flip(const Showing& showing);
   Findings check_lag(const Showing& showing);
   Findings check_latency(const Showing& showing) const;
@@ -219,8 +229,9 @@ class Ledger {
   std::vector<Held> held_;
   rig::ClockMap<rig::CameraClock> camera_clock_;
   std::uint32_t last_edge_number_ = 0;
-  std::optional<std::chrono::nanoseconds> lag_;  // from a reported swap to its edge
-  int primed_frame_count_ = 0;                   // of the priming under way, or the last one
+  SwapLag lag_;
+  int primed_frame_count_ = 0;  // of the priming under way, or the last one
+  bool is_priming_spoiled_ = false;
   bool is_primed_ = false;
 };
 

@@ -186,6 +186,7 @@ class LatencyProbe {
 
 rig::Result<nanoseconds> measure_latency(Devices devices, const rig::ProjectorSettings& projector,
                                          const LedgerRules& rules, const std::stop_token& stop) {
+  if (auto kept = check_display(devices, rules); !kept) return tl::unexpected(kept.error());
   estimation::Image<unsigned char> white(projector.height_px, projector.width_px);
   std::fill(white.samples().begin(), white.samples().end(), static_cast<unsigned char>(255));
   std::vector<estimation::Image<unsigned char>> pictures;

@@ -14,8 +14,9 @@ namespace capture {
 // until frames of both directions have the new picture's level, each time; a refresh is added,
 // since swaps are reported up to a refresh late. Takes some seconds; leaves the camera disarmed and
 // the projector black. `rules` are those of the take to come.
-// Errors: kUnsupported (black and white look alike to the camera; or no delay up to twelve
-// refreshes is enough), kTimeout (also: stopped), and those of the devices.
+// Errors: kUnsupported (the display does not keep time; black and white look alike to the camera;
+// or no delay up to twelve refreshes is enough), kTimeout (also: stopped), and those of the
+// devices.
 rig::Result<std::chrono::nanoseconds> measure_latency(Devices devices,
                                                       const rig::ProjectorSettings& projector,
                                                       const LedgerRules& rules,

@@ -5,6 +5,7 @@ namespace capture {
 Reaction reaction_to(Incident incident, rig::Bracketing bracketing) {
   switch (incident) {
     case Incident::kPictureNotShown:
+    case Incident::kPictureLate:
     case Incident::kPulseMissing:
       return Reaction::kRestart;  // what is still under way is unknown
     case Incident::kEdgeMissing:
@@ -69,6 +70,8 @@ std::string_view to_string(Incident incident) {
   switch (incident) {
     case Incident::kPictureNotShown:
       return "picture not shown";
+    case Incident::kPictureLate:
+      return "picture late";
     case Incident::kEdgeMissing:
       return "edge missing";
     case Incident::kEdgeWrongLevel:

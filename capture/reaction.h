@@ -10,11 +10,12 @@ namespace capture {
 
 // Everything that can go wrong with one showing of a pattern, or with the rig under it.
 enum class Incident {
-  kPictureNotShown,  // no buffer swap before the deadline
-  kEdgeMissing,      // shown, but the photodiode saw nothing before the deadline
-  kEdgeWrongLevel,   // an edge to the level that the square did not have
-  kEdgeBeforeFlip,   // an edge more than a refresh before the swap: not made by our square
-  kEdgeLate,         // later after its swap than the run's first: not made by our square, or slow
+  kPictureNotShown,     // no buffer swap before the deadline
+  kPictureLate,         // swapped in late where only swaps tell what was shown
+  kEdgeMissing,         // shown, but the photodiode saw nothing before the deadline
+  kEdgeWrongLevel,      // an edge to the level that the square did not have
+  kEdgeBeforeFlip,      // an edge more than a refresh before the swap: not made by our square
+  kEdgeLate,            // later after its swap than in the priming: not made by our square, or slow
   kEdgeDuringExposure,  // the light changed while the shutter was open or about to open
   kEdgeOutOfOrder,      // edge numbers skipped, or an edge when none was due
   kPulseMissing,        // fewer pulses than brackets before the deadline

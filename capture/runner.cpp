@@ -12,6 +12,23 @@ namespace {
 
 // How often a failure of the consumer is looked for when nothing else happens.
 constexpr std::chrono::milliseconds kConsumerCheckPeriod{100};
+// Flips that teach the lag, where nothing else tells them.
+constexpr std::size_t kLessons = 4;
+
+int rounds_of(std::size_t bracket_count) {
+  return static_cast<int>((kLessons + bracket_count - 1) / bracket_count);
+}
+
+bool relies_on_swaps(const Devices& devices, const LedgerRules& rules) {
+  return rules.has_edge_per_bracket && !devices.camera.identity().tells_line_level;
+}
+
+RunResult refused(const rig::Error& error) {
+  RunResult result;
+  result.failure =
+      Failure{incident_of(error.fault), rig::Device::kProjector, {}, "projector: " + error.detail};
+  return result;
+}
 
 class Runner {
  public:
@@ -21,7 +38,7 @@ class Runner {
         plan_(plan),
         consumer_(consumer),
         on_transition_(on_transition),
-        sequence_(with_reopener(rules, devices), plan.order),
+        sequence_(as_devices_allow(rules, devices), plan.order),
         state_(sequence_.initial()) {}
 
   RunResult run(const std::stop_token& stop) {
@@ -42,8 +59,11 @@ class Runner {
   }
 
  private:
-  static SequenceRules with_reopener(SequenceRules rules, const Devices& devices) {
+  static SequenceRules as_devices_allow(SequenceRules rules, const Devices& devices) {
     if (devices.reopener == nullptr) rules.reopen_deadline = std::chrono::milliseconds(0);
+    rules.ledger.relies_on_swaps = relies_on_swaps(devices, rules.ledger);
+    if (rules.ledger.relies_on_swaps && rules.ledger.is_lag_checked)
+      rules.ledger.priming_rounds = rounds_of(rules.ledger.exposures.size());
     return rules;
   }
 
@@ -187,17 +207,24 @@ SequenceRules make_rules(const rig::RigFile& rig_file,
   return rules;
 }
 
+rig::Result<void> check_display(const Devices& devices, const LedgerRules& rules) {
+  if (!relies_on_swaps(devices, rules)) return {};
+  const rig::DisplayReport report = devices.projector.report();
+  if (report.is_vsynced) return {};
+  return rig::failure(rig::Fault::kUnsupported,
+                      report.text +
+                          "; without a trigger box, and a camera that tells the level of its line "
+                          "(chunk LineStatusAll), nothing else says which picture a frame is of: "
+                          "set sequence.sync to \"trigger_box\", or have the display keep time");
+}
+
 RunResult run_capture(Devices devices, const Plan& plan, const rig::ProjectorSettings& projector,
                       const SequenceRules& rules, FrameConsumer& consumer,
                       const std::stop_token& stop, const OnTransition& on_transition) {
-  if (const auto loaded = devices.projector.load(render_pictures(plan, projector)); !loaded) {
-    RunResult refused;
-    refused.failure = Failure{incident_of(loaded.error().fault),
-                              rig::Device::kProjector,
-                              {},
-                              "projector: " + loaded.error().detail};
-    return refused;
-  }
+  if (const auto checked = check_display(devices, rules.ledger); !checked)
+    return refused(checked.error());
+  if (const auto loaded = devices.projector.load(render_pictures(plan, projector)); !loaded)
+    return refused(loaded.error());
   return Runner(devices, plan, rules, consumer, on_transition).run(stop);
 }
 

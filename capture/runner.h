@@ -54,8 +54,13 @@ SequenceRules make_rules(const rig::RigFile& rig_file,
                          const std::vector<std::chrono::microseconds>& exposures,
                          double refresh_hz);
 
+// Without a trigger box, and without a camera that tells its line's level, the display must keep
+// time. Errors: kUnsupported if it does not, with the remedy.
+rig::Result<void> check_display(const Devices& devices, const LedgerRules& rules);
+
 // Runs a plan on the calling thread, which becomes the session thread. Returns with the devices
-// disarmed and the projector black (or lost), whatever happened. `stop` aborts.
+// disarmed and the projector black (or lost), whatever happened. `stop` aborts. Refuses a display
+// that check_display() refuses.
 RunResult run_capture(Devices devices, const Plan& plan, const rig::ProjectorSettings& projector,
                       const SequenceRules& rules, FrameConsumer& consumer,
                       const std::stop_token& stop, const OnTransition& on_transition);

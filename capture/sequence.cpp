@@ -44,14 +44,19 @@ std::string_view remedy(Incident incident) {
   switch (incident) {
     case Incident::kPictureNotShown:
       return "see that the monitor is on and its refresh is not blocked";
+    case Incident::kPictureLate:
+      return "see that vertical sync is on and nothing else loads the computer or its graphics";
     case Incident::kEdgeMissing:
       return "see that the photodiode sits on the sync square and its thresholds fit";
     case Incident::kEdgeWrongLevel:
+      return "see that projector.sync_inverted fits the photodiode, and shade it from other light";
     case Incident::kEdgeBeforeFlip:
     case Incident::kEdgeLate:
     case Incident::kEdgeDuringExposure:
     case Incident::kEdgeOutOfOrder:
-      return "shade the photodiode from other light, or lengthen trigger.debounce_us";
+      return "shade the photodiode from other light, or lengthen trigger.debounce_us (without a "
+             "box "
+             "camera.line_debounce_us)";
     case Incident::kPulseMissing:
     case Incident::kPulseOutOfOrder:
     case Incident::kDataLost:
@@ -449,7 +454,21 @@ class Turn {
     state().phase = Exposing{};
   }
 
+  // Where a flip is told from the one before it by its time: as far apart as pace paced has them.
+  bool is_too_early() {
+    if (!rules_.ledger.relies_on_swaps || rules_.ledger.latency || is_paced() ||
+        !ledger().is_showing_over())
+      return false;
+    const auto swapped = ledger().swapped();
+    if (!swapped) return true;  // else overdue, when its frame is
+    const rig::HostTime next_show = *swapped + rules_.ledger.refresh_interval * 9 / 4;
+    if (now_ >= next_show) return false;
+    state().phase = Pacing{next_show};
+    return true;
+  }
+
   void show_next() {
+    if (is_too_early()) return;
     state().phase = Collecting{};
     if (ledger().is_primed()) state().retake_counts.front() = 0;
     while (!state().queue.empty() && ledger().is_filled(state().queue.front()))

@@ -42,6 +42,10 @@
 // number: then no other light was taken for a flip between. Confirming is one more flip under black
 // for that, and what fails in it is held against the last pattern. In sync mode software the host
 // triggers, so there is no other light: Confirming is as with a box.
+//
+// Where the camera does not tell the level after an edge, the display's timing must tell our flips
+// (LedgerRules::relies_on_swaps): Pacing comes in pace handshake, too, so that an edge cannot pass
+// for the next flip's, and a swap that is late restarts the run.
 #pragma once
 
 #include <chrono>

@@ -44,6 +44,7 @@ MatrixCell run_cell(std::size_t fault, std::size_t place, std::size_t rig) {
         continue;  // refused at arming
       hw_sim::CameraTiming timing;
       timing.has_chunks = has_chunks;
+      timing.has_line_status = tried.has_line_status;
       hw_sim::PlannedFault planned = matrix_faults()[fault].fault;
       planned.place = hw_sim::FaultPlace{showing, bracket};
       cell.trials.push_back(try_faults({.faults = {planned}}, tried.rig_file(), timing));
@@ -197,6 +198,8 @@ const std::vector<MatrixRig>& matrix_rigs() {
       {"Sync mode trigger_box, paced", kTriggerBox, kSequencer, rig::Pace::kPaced},
       {"Sync mode camera_line", kCameraLine, kSequencer},
       {"Sync mode camera_line, paced", kCameraLine, kSequencer, rig::Pace::kPaced},
+      {"Sync mode camera_line, with a camera that does not tell the level of its line", kCameraLine,
+       kSequencer, rig::Pace::kHandshake, false},
       {"Sync mode software", kSoftware, kSequencer},
   };
   return rigs;
@@ -216,7 +219,9 @@ std::string fault_matrix_table(const std::vector<MatrixCell>& cells) {
   std::size_t trial_count = 0;
   for (const MatrixCell& cell : cells) trial_count += cell.trials.size();
   for (std::size_t rig = 0; rig < matrix_rigs().size(); ++rig) {
-    const milliseconds faultless = try_faults({}, matrix_rigs()[rig].rig_file()).duration;
+    hw_sim::CameraTiming timing;
+    timing.has_line_status = matrix_rigs()[rig].has_line_status;
+    const milliseconds faultless = try_faults({}, matrix_rigs()[rig].rig_file(), timing).duration;
     text += matrix_rigs()[rig].name + "; without a fault a capture takes " + seconds(faultless) +
             ".\n\n| fault | detected | done |";
     for (const MatrixPlace& place : matrix_places())

@@ -44,6 +44,7 @@ struct MatrixRig {
   rig::SyncMode sync = rig::SyncMode::kTriggerBox;
   rig::Bracketing bracketing = rig::Bracketing::kSequencer;
   rig::Pace pace = rig::Pace::kHandshake;
+  bool has_line_status = true;  // the camera tells the level of its line
 
   rig::RigFile rig_file() const;
   bool has_part_for(hw_sim::FaultKind kind) const;

@@ -45,6 +45,7 @@ TEST(FaultMatrix, RandomFaultsEndCompleteOrFailedButNeverWrong) {
     const MatrixRig& tried = matrix_rigs()[random() % matrix_rigs().size()];
     const rig::RigFile rig_file = tried.rig_file();
     hw_sim::CameraTiming timing;
+    timing.has_line_status = tried.has_line_status;
     if (rig_file.camera.bracketing == rig::Bracketing::kTriggerWidth)
       timing.has_chunks = random() % 2 == 0;
     hw_sim::FaultPlan plan = random_plan(random);

@@ -209,6 +209,46 @@ TEST_F(ModesTest, AConfirmationThatNeverComesFailsInTheEnd) {
   EXPECT_THAT(state_->failure->text, testing::HasSubstr("pattern 1"));
 }
 
+// Where the camera does not tell the level.
+TEST_F(ModesTest, FlipsAreKeptApartWhereTheirTimeMustTellThem) {
+  SequenceRules rules = boxless();
+  rules.ledger.relies_on_swaps = true;
+  play(rules);
+  const auto first = shown_.show_id;
+  swap();
+  frame(swapped_ + milliseconds(1));
+  EXPECT_EQ(phase(), "pacing");
+  EXPECT_EQ(shown_.show_id, first);
+  time_out();
+  EXPECT_EQ(shown_.show_id, first + 1);
+  EXPECT_EQ(now_ - swapped_, kRefresh * 9 / 4);
+}
+
+TEST_F(ModesTest, ALateSwapRestartsWhereOnlySwapsTellWhatWasShown) {
+  for (const bool relies_on_swaps : {true, false}) {
+    SequenceRules rules = boxless();
+    rules.ledger.relies_on_swaps = relies_on_swaps;
+    play(rules);
+    now_ += kRefresh + milliseconds(1);
+    swap();
+    EXPECT_EQ(phase(), relies_on_swaps ? "darkening" : "showing");
+    EXPECT_EQ(reacted_.size(), relies_on_swaps ? 1U : 0U);
+  }
+  EXPECT_EQ(reacted_.size(), 0U);
+}
+
+TEST_F(ModesTest, ThePrimingTeachesTheLagInMoreThanOneRound) {
+  SequenceRules rules = boxless();
+  rules.ledger.priming_rounds = 2;
+  play(rules);
+  prime();
+  EXPECT_EQ(shown_.picture, rig::kBlackPicture);
+  swap();
+  frame(swapped_ + kLag - kRefresh * 3 / 2);
+  EXPECT_EQ(found(), Incident::kEdgeBeforeFlip) << "the priming must agree with itself";
+  EXPECT_EQ(phase(), "darkening");
+}
+
 TEST_F(ModesTest, SoftwareFiresAfterTheLatency) {
   play(software());
   swap();
