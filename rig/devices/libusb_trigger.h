@@ -21,14 +21,11 @@
 #include <vector>
 
 #include "rig/clock.h"
+#include "rig/devices/usb_box.h"
 #include "rig/event.h"
 #include "rig/fault.h"
 #include "rig/trigger.h"
 #include "rig/trigger_box_protocol.h"
-
-struct libusb_context;
-struct libusb_device_handle;
-struct libusb_transfer;
 
 namespace rig {
 
@@ -62,35 +59,19 @@ class LibusbTrigger final : public Trigger {
   std::chrono::nanoseconds clock_uncertainty() const;
 
  private:
-  struct ContextExit {
-    void operator()(libusb_context* context) const;
-  };
-  struct HandleClose {
-    void operator()(libusb_device_handle* handle) const;
-  };
-  struct TransferFree {
-    void operator()(libusb_transfer* transfer) const;
-  };
-  using Context = std::unique_ptr<libusb_context, ContextExit>;
-  using Handle = std::unique_ptr<libusb_device_handle, HandleClose>;
-  using Transfer = std::unique_ptr<libusb_transfer, TransferFree>;
-  struct Found {
-    Handle handle;
-    std::string serial;
-  };
-
   static constexpr std::size_t kReadCount = 8;
   static constexpr std::size_t kReadBytes = 8 * tb1::kPacketBytes;
+  static constexpr unsigned kRequestTimeout_ms = 500;
   struct Read {
     std::array<std::uint8_t, kReadBytes> buffer{};
-    Transfer transfer;
+    UsbTransfer transfer;
     bool is_in_flight = false;
     bool has_failed = false;  // to be submitted again when the endpoint is cleared
   };
   // GET_TIME without waiting.
   struct TimeQuery {
     std::array<std::uint8_t, 8 + tb1::kTimeBytes> buffer{};
-    Transfer transfer;
+    UsbTransfer transfer;
     bool is_in_flight = false;
     HostTime sent;
   };
@@ -98,20 +79,18 @@ class LibusbTrigger final : public Trigger {
   // A vendor request that the session's thread waits for.
   struct Question {
     std::array<std::uint8_t, 8 + tb1::kPacketBytes> buffer{};
-    Transfer transfer;
+    UsbTransfer transfer;
     bool is_in_flight = false;  // guarded by mutex_, as the next
     HostTime answered;
   };
 
-  LibusbTrigger(const TriggerSettings& settings, EventSink& sink, Context context, Found found);
+  LibusbTrigger(const TriggerSettings& settings, EventSink& sink, UsbContext context, UsbBox box);
 
-  static Result<Context> start_libusb();
-  static Result<Found> find(libusb_context* context, const TriggerSettings& settings);
   Result<void> start();
   void prepare_transfers();
   Result<void> greet();
 
-  // Vendor requests, session thread.
+  // Vendor requests, session thread: libusb_requests.cpp.
   Result<void> request_out(tb1::Request request, std::uint16_t value,
                            std::span<const std::uint8_t> data);
   Result<std::vector<std::uint8_t>> request_in(tb1::Request request, std::size_t size_bytes);
@@ -125,7 +104,7 @@ class LibusbTrigger final : public Trigger {
   Result<void> configure(const std::vector<std::chrono::microseconds>& pulse_widths);
   Result<void> synchronise_clock();
 
-  // Event thread.
+  // Event thread: libusb_events.cpp.
   void run_events();
   static void on_read(libusb_transfer* transfer);
   static void on_time(libusb_transfer* transfer);
@@ -150,7 +129,7 @@ class LibusbTrigger final : public Trigger {
 
   // Declared so that the handle closes before the transfers are freed: after closing no callback
   // comes, even for a transfer that never returned.
-  Context context_;
+  UsbContext context_;
   std::vector<std::unique_ptr<Read>> reads_;  // event thread, as all below but question_
   TimeQuery time_query_;
   Question question_;
@@ -158,7 +137,7 @@ class LibusbTrigger final : public Trigger {
   std::string read_failure_;
   HostTime last_heartbeat_;
   bool has_reported_silence_ = false;
-  Handle handle_;
+  UsbHandle handle_;
 
   mutable std::mutex mutex_;
   std::condition_variable run_ended_;
