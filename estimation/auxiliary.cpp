@@ -1,5 +1,7 @@
 #include "estimation/auxiliary.h"
 
+#include <cmath>
+#include <limits>
 #include <map>
 #include <optional>
 #include <string>
@@ -60,6 +62,18 @@ Result<CameraBlack> read_black(const Manifest& manifest, const std::filesystem::
   return CameraBlack(std::move(darks));
 }
 
+// Where a flat field has no response to divide by, NaN: those pixels lose all their samples. How
+// many.
+std::size_t mark_damaged(Image<float>& flat_field) {
+  std::size_t count = 0;
+  for (float& response : flat_field.samples()) {
+    if (response > 0 && std::isfinite(response)) continue;
+    response = std::numeric_limits<float>::quiet_NaN();
+    ++count;
+  }
+  return count;
+}
+
 Result<HarmonicTransfer> read_transfer(const Manifest& manifest,
                                        const std::filesystem::path& session) {
   const std::optional<StripeTransfer>& calibrated = manifest.calibration.stripe_transfer;
@@ -94,10 +108,15 @@ Result<Auxiliary> read_auxiliary(const Manifest& manifest, const std::filesystem
   if (!vignetting) return tl::unexpected(vignetting.error());
   auto transfer = read_transfer(manifest, session);
   if (!transfer) return tl::unexpected(transfer.error());
+  std::vector<std::string> notes;
+  if (const std::size_t count = mark_damaged(*flat_field); count > 0)
+    notes.push_back("camera.flat_field is not above 0 at " + std::to_string(count) +
+                    " pixels: taken as damaged, their samples are lost (validity 2)");
   return Auxiliary{.black = std::move(*black),
                    .flat_field = std::move(*flat_field),
                    .vignetting = std::move(*vignetting),
-                   .transfer = std::move(*transfer)};
+                   .transfer = std::move(*transfer),
+                   .notes = std::move(notes)};
 }
 
 }  // namespace estimation

@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "estimation/base/image.h"
 #include "estimation/profile/stripe_transfer.h"
@@ -16,6 +17,7 @@ struct Auxiliary {
   CameraBlack black{0.0};
   Image<float> flat_field, vignetting;  // empty where none is named
   HarmonicTransfer transfer;
+  std::vector<std::string> notes;  // for the user
 };
 
 // Errors: a file that is missing, damaged or of the wrong size, with the manifest's key for it.

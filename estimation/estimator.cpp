@@ -128,7 +128,8 @@ class Estimator::Implementation {
         model_(std::move(model)),
         arena_(options.thread_count > 0 ? options.thread_count : tbb::task_arena::automatic),
         store_(manifest_, std::move(auxiliary.black), saturation_dn(),
-               std::move(auxiliary.flat_field), CodeFrames::kLeft) {}
+               std::move(auxiliary.flat_field), CodeFrames::kLeft),
+        notes_(std::move(auxiliary.notes)) {}
 
   Result<void> add_frame(std::size_t frame_index, ImageView<const std::uint16_t> frame) {
     return arena_.execute([&] { return store_.add(frame_index, frame); });
@@ -189,7 +190,7 @@ class Estimator::Implementation {
 
 Result<Maps> Estimator::Implementation::estimate() {
   signals_ = store_.take();
-  notes_ = signals_.notes;
+  notes_.insert(notes_.end(), signals_.notes.begin(), signals_.notes.end());
   if (signals_.patterns.empty())
     return tl::unexpected(
         InputError{InputFault::kInsufficient, "", "/frames",

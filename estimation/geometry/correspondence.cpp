@@ -203,7 +203,8 @@ class Decoder {
     }
   }
 
-  // Stray light: lit so weakly beside the rest that it is not the subject.
+  // Stray light: lit so weakly beside the rest that it is not the subject. What lost its samples
+  // tells no modulation.
   void reject_stray_light() {
     constexpr std::size_t kStride = 7;  // a seventh of the pixels tells a percentile
     std::vector<float> values;
@@ -216,7 +217,9 @@ class Decoder {
     std::nth_element(values.begin(), rank, values.end());
     const float least = static_cast<float>(options_.min_modulation_frac) * *rank;
     for (std::size_t i = 0; i < out_.modulation_dn_per_us.samples().size(); ++i) {
-      if (out_.modulation_dn_per_us.samples()[i] < least) out_.validity.samples()[i] |= kBackground;
+      std::uint32_t& error = out_.validity.samples()[i];
+      if (out_.modulation_dn_per_us.samples()[i] < least && (error & kSaturated) == 0)
+        error |= kBackground;
     }
   }
 

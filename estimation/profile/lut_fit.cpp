@@ -23,6 +23,10 @@ constexpr double kGreatestFirstReflectance = 1.5;
 // last harmonic, the table (noise-free 0.16 reads as 0.14, everything below 0.08 as 0.10).
 constexpr double kLeastTranslucencyPx = 0.2;
 
+// Of the first match, where samples are missing: until R_d moves by less than noise does.
+constexpr int kMostFirstMatches = 6;
+constexpr double kSettledFrac = 0.003;
+
 // The row of R_d, or the nearest one: the first R_d still contains the indirect light.
 double nearest_row(const ProfileTable& table, double diffuse_reflectance) {
   return std::clamp(table.row_of(diffuse_reflectance), 0.0,
@@ -49,9 +53,18 @@ LutFit fit_with_table(ProfileMatcher& matcher, const ProfileTable& table,
   if (match.is_at_edge) return failed(kNotIdentifiable);
   ProfileMatcher::Curve curve = matcher.curve(table, row, match.col);
   // An incomplete sweep samples the profile unevenly; the matched curve says by how much its mean
-  // differs from the mean over all phases. A full sweep has 1.
-  fully_lit = matcher.mean() / (duty * curve.mean + projector_black_frac);
-  black = projector_black_frac * fully_lit;
+  // differs from the mean over all phases, and the R_d that this makes has another curve. A full
+  // sweep has 1.
+  for (int i = 0; i < kMostFirstMatches; ++i) {
+    const double before = fully_lit;
+    fully_lit = matcher.mean() / (duty * curve.mean + projector_black_frac);
+    black = projector_black_frac * fully_lit;
+    if (std::abs(fully_lit - before) <= kSettledFrac * before) break;
+    row = nearest_row(table, fully_lit);
+    match = matcher.search(table, row, black);
+    if (match.is_at_edge) return failed(kNotIdentifiable);
+    curve = matcher.curve(table, row, match.col);
+  }
 
   // Indirect light: the minimum of the input curve less the minimum of the matched curve.
   const double stripes_mean = matcher.mean() - black;

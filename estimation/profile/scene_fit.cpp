@@ -30,6 +30,9 @@ constexpr double kLeastContrastSd = 10;
 constexpr double kPoorFitNoise = 4;
 constexpr double kPoorFitFrac = 0.03;
 constexpr int kCurvePointsPerPx = 4;
+// Of a sweep that lost samples to saturation, what must be left for the paper's method: with fewer
+// its first R_d, from the mean of all, is too far off.
+constexpr double kLeastSeenFrac = 0.5;
 
 // DN/us of a perfect reflector at the site.
 double full_signal_per_us(const BandRadiometry& radiometry, const SceneGeometry& geometry,
@@ -49,8 +52,7 @@ class SiteFitter {
         geometry_(geometry),
         transfer_(transfer),
         channel_(channel_of(camera, radiometry.band)),
-        matcher_(stripes, greatest_harmonic_count),
-        samples_(signals.size()),
+        whole_(stripes, greatest_harmonic_count),
         contrast_(static_cast<std::size_t>(greatest_harmonic_count), 1.0F) {}
 
   // Tries the tables in turn until one holds the material.
@@ -58,7 +60,7 @@ class SiteFitter {
     if (const std::uint32_t reason = load(site); reason != 0) return {.validity = reason};
     LutFit result;
     for (const ProfileTable* table : tables) {
-      result = fit_with_table(matcher_, *table, radiometry_.projector_black_frac);
+      result = fit_with_table(matcher(), *table, radiometry_.projector_black_frac);
       if (result.validity == 0) break;
     }
     if (result.validity == 0 && is_poor(result)) result.validity |= kPoorFit;
@@ -68,12 +70,18 @@ class SiteFitter {
  private:
   // Returns the reason if there is nothing to fit.
   std::uint32_t load(Site site) {
+    samples_.clear();
+    seen_.clear();
     double sum = 0;
     for (std::size_t i = 0; i < signals_.size(); ++i) {
-      samples_[i] = static_cast<double>(signals_[i].at(site.row, site.col, channel_));
-      sum += samples_[i];
+      const auto sample = static_cast<double>(signals_[i].at(site.row, site.col, channel_));
+      if (!std::isfinite(sample)) continue;
+      samples_.push_back(sample);
+      seen_.push_back(i);
+      sum += sample;
     }
-    if (!std::isfinite(sum)) return kSaturated;
+    if (static_cast<double>(seen_.size()) < kLeastSeenFrac * static_cast<double>(signals_.size()))
+      return kSaturated;
     const double mean = sum / static_cast<double>(samples_.size());
     noise_variance_ = variance_at(radiometry_.noise, mean);
     double contrast = 0;
@@ -87,9 +95,23 @@ class SiteFitter {
       transfer_.at(site.row, site.col, radiometry_.band,
                    static_cast<double>(geometry_.projector_distance_mm.at(site.row, site.col)),
                    stripes_.shape.period_px, contrast_);
-    matcher_.load(samples_, static_cast<double>(geometry_.position_px.at(site.row, site.col)),
-                  contrast_);
+    matcher().load(samples_, static_cast<double>(geometry_.position_px.at(site.row, site.col)),
+                   contrast_);
     return 0;
+  }
+
+  bool is_whole() const { return seen_.size() == signals_.size(); }
+
+  // Of the shifts seen. Neighbours tend to lose the same ones.
+  ProfileMatcher& matcher() {
+    if (is_whole()) return whole_;
+    if (!partial_ || partial_seen_ != seen_) {
+      StripeSet seen{.axis = stripes_.axis, .shape = stripes_.shape};
+      for (const std::size_t i : seen_) seen.shifts_px.push_back(stripes_.shifts_px[i]);
+      partial_.emplace(seen, static_cast<int>(contrast_.size()));
+      partial_seen_ = seen_;
+    }
+    return *partial_;
   }
 
   bool is_poor(const LutFit& fit) const {
@@ -102,8 +124,11 @@ class SiteFitter {
   const SceneGeometry& geometry_;
   const HarmonicTransfer& transfer_;
   int channel_;
-  ProfileMatcher matcher_;
-  std::vector<double> samples_;
+  ProfileMatcher whole_;
+  std::optional<ProfileMatcher> partial_;
+  std::vector<std::size_t> partial_seen_;  // what partial_ is for
+  std::vector<double> samples_;            // those that were not lost
+  std::vector<std::size_t> seen_;          // [sample] its shift's index
   std::vector<float> contrast_;
   double noise_variance_ = 0;  // of a sample at the mean, (DN/us)^2
   double noise_frac_ = 0;      // its root over the mean

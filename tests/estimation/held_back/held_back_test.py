@@ -139,12 +139,14 @@ class HeldBack(unittest.TestCase):
                 shutil.rmtree(self.session)
 
     def test_monte_carlo_truth_with_known_anisotropy(self):
-        """Within 3%, where the dipole is a quarter off and shows it. What remains is science.md's
-        exit radiance, rounded to 1%."""
+        """Within 0.5% and what the truth's own photons leave open, where the dipole is a quarter off
+        and shows it. Of a red cheek that file's R_d is 0.18% below adding_doubling.py's: another
+        walk of 3e7 photons as truth gave 0.0 to 0.4% of sigma_a where the file's gives 0.6 to 1.2."""
         seen = []
-        for name, scene in (("red_cheek", {"tilt_deg": 10}), ("green_cheek", {"tilt_deg": 35}),
-                            ("red_cheek", {"tilt_deg": 55, "azimuth_deg": 0}),
-                            ("red_cheek", {"shape": "sphere", "indirect": 0.1})):
+        for name, scene, most in (("red_cheek", {"tilt_deg": 10}, 0.016),
+                                  ("green_cheek", {"tilt_deg": 35}, 0.005),
+                                  ("blue_cheek", {"tilt_deg": 55, "azimuth_deg": 0}, 0.005),
+                                  ("blue_cheek", {"shape": "sphere", "indirect": 0.1}, 0.005)):
             with self.subTest(name=name, **scene):
                 self.session = os.path.join(self.folder, str(len(seen)))
                 seen.append(name)
@@ -153,8 +155,10 @@ class HeldBack(unittest.TestCase):
                 notes = self.estimate("--model", "monte_carlo")
                 self.assertNotIn("do not look like", notes)
                 maps = self.maps()
-                self.assertLess(abs(self.bias_and_pull(maps, "sigma_a")[0]), 0.03)
-                self.assertLess(abs(self.bias_and_pull(maps, "sigma_s_prime")[0]), 0.01)
+                self.assertLess(abs(self.bias_and_pull(maps, "sigma_a")[0]), most)
+                self.assertLess(abs(self.bias_and_pull(maps, "sigma_s_prime")[0]), 0.005)
+                u = self.errors(maps["correspondence"]["U"], lambda i: self.truth["u"][i], 3)
+                self.assertLess(math.sqrt(sum(e * e for e in u) / len(u)), 0.025)
                 if len(seen) > 1:
                     continue
                 notes = self.estimate("--model", "dipole", "--indirect", "free")

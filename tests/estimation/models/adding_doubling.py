@@ -1,4 +1,5 @@
-"""R_d and exit radiance of half spaces by adding and doubling: the golden numbers of monte_carlo_truth_test.cpp.
+"""R_d and exit radiance of half spaces by adding and doubling: the golden numbers of monte_carlo_truth_test.cpp, and
+those of held_back/make_session.py.
 
 Plane-parallel radiative transfer in 2 x 100 streams either side of the critical angle, normal incidence,
 Henyey-Greenstein in 200 Legendre terms, Fresnel inside. Gives Chandrasekhar's anchors (design/science.md)
@@ -9,15 +10,15 @@ import numpy as np
 STREAMS = 100
 
 
-def reflectance(x, g, eta):
-    """Per transmitted flux: R_d at x = sigma_a/sigma_s', and h(cos) = exit radiance over Lambertian."""
+def reflectance(x, g, eta, exit_degrees=(0, 45)):
+    """Per transmitted flux: R_d at x = sigma_a/sigma_s', and h = exit radiance over Lambertian at each angle, 0 first."""
     critical = np.sqrt(1 - 1 / eta**2) if eta > 1 else 0.3
     node, weight = np.polynomial.legendre.leggauss(STREAMS)
     node, weight = (node + 1) / 2, weight / 2
-    # The last stream is the beam, too narrow to matter otherwise; two more look where h is wanted.
-    looks = np.array([np.sqrt(1 - 0.5 / eta**2), 1.0])
+    # The last stream is the beam, too narrow to matter otherwise; others look where h is wanted.
+    looks = np.sqrt(1 - np.sin(np.radians(exit_degrees[::-1]))**2 / eta**2)
     mu = np.concatenate([critical * node, critical + (1 - critical) * node, looks])
-    w = np.concatenate([critical * weight, (1 - critical) * weight, [1e-10, 1e-10]])
+    w = np.concatenate([critical * weight, (1 - critical) * weight, np.full(len(looks), 1e-10)])
     albedo = 1 / (1 + x * (1 - g))
     legendre = np.ones((2 * STREAMS, len(mu)))
     legendre[1] = mu
@@ -46,7 +47,7 @@ def reflectance(x, g, eta):
     total = np.sum(w * mu * (1 - inner) * up)
     # Radiance leaves with 1/eta^2; a Lambertian surface has exitance/pi, here total * 2 of it.
     h = (1 - inner) * up / eta**2 / (2 * total)
-    return total, h[-1], h[-2]
+    return total, *h[:-len(looks) - 1:-1]
 
 
 if __name__ == "__main__":
@@ -54,3 +55,6 @@ if __name__ == "__main__":
         for x in (1e-6, 1e-4, 1e-3, 0.01, 0.1, 1, 10):
             total, normal, slanted = reflectance(x, g, eta)
             print(f"      {{{eta}, {g}, {x:g}, {total:.7f}, {normal:.5f}, {slanted:.5f}}},")
+    for name, sigma_a, sigma_s in [("red", 0.0525, 1.2814), ("green", 0.1653, 1.5), ("blue", 0.2216, 1.1248)]:
+        h = reflectance(sigma_a / sigma_s, 0.8, 1.4, range(0, 90, 15))[1:]
+        print(f'    "{name}_cheek": [' + ", ".join(f"{value:.4f}" for value in h) + "],")

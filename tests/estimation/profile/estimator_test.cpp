@@ -4,10 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <numbers>
 #include <numeric>
 #include <random>
@@ -264,31 +266,46 @@ TEST(Estimator, FlatFieldVignettingAndDarkFramesAreReadFromTheSession) {
   scene.manifest.calibration.irradiance->vignetting_file = "vignetting.exr";
   expect_recovered(scene, estimate(scene, with_dipole(), folder.path()).maps);
 
+  const std::array<float, 4> no_response{0, -1, std::numeric_limits<float>::quiet_NaN(),
+                                         std::numeric_limits<float>::infinity()};
+  for (int i = 0; i < 4; ++i) flat.at(16, 10 + 5 * i) = no_response[static_cast<std::size_t>(i)];
+  ASSERT_TRUE(write_exr(folder.path() / "flat.exr", {{"Y", flat.view()}}, {}));
+  const Estimate damaged = estimate(scene, with_dipole(), folder.path());
+  for (int i = 0; i < 4; ++i) {
+    EXPECT_EQ(damaged.maps.validity[0].at(16, 10 + 5 * i) & kValidityErrors, kSaturated) << i;
+    EXPECT_EQ(damaged.maps.validity[0].at(16, 11 + 5 * i) & kValidityErrors, 0U) << i;
+  }
+  EXPECT_TRUE(any_contains(damaged.notes, "flat_field is not above 0 at 4 pixels"));
+
   scene.manifest.camera.flat_field_file = "vignetting.exr";  // wrong size
   const auto wrong = Estimator::create(scene.manifest, folder.path(), {});
   ASSERT_FALSE(wrong);
   EXPECT_NE(wrong.error().text().find("/camera/flat_field"), std::string::npos);
 }
 
-// The stripes' middles clip: the likelihood does with the other samples.
-SceneOptions clipping_scene() {
+// The stripes' middles clip, or more than half of all samples.
+SceneOptions clipping_scene(double gain_dn_per_us) {
   SceneOptions options;
   options.background_cols = 10;
-  options.gain_dn_per_us = 8;
+  options.gain_dn_per_us = gain_dn_per_us;
   options.exposures_us = {40000};
   return options;
 }
 
-TEST(Estimator, LikelihoodDoesWithoutTheSaturatedSamples) {
-  const Scene scene = make_scene(clipping_scene());
-  const Maps maps = estimate(scene).maps;
-  EXPECT_EQ(maps.validity[0].at(16, 25) & kValidityErrors, 0U);
-  EXPECT_NEAR(maps.translucency_mm[0].at(16, 25), scene.l_d_mm[0], 0.02 * scene.l_d_mm[0]);
-  EXPECT_EQ(maps.validity[0].at(16, 3) & kValidityErrors, kBackground);
+TEST(Estimator, BothMethodsDoWithoutTheSaturatedSamples) {
+  const Scene scene = make_scene(clipping_scene(8));
+  for (const char* method : {"likelihood", "lut"}) {
+    SCOPED_TRACE(method);
+    const Maps maps = estimate(scene, with_dipole(method)).maps;
+    EXPECT_EQ(maps.validity[0].at(16, 25) & kValidityErrors, 0U);
+    EXPECT_NEAR(maps.translucency_mm[0].at(16, 25), scene.l_d_mm[0], 0.02 * scene.l_d_mm[0]);
+    EXPECT_NEAR(maps.diffuse_reflectance[0].at(16, 25), scene.reflectance[0], 0.01);
+    EXPECT_EQ(maps.validity[0].at(16, 3) & kValidityErrors, kBackground);
+  }
 }
 
 TEST(Estimator, BackgroundAndSaturationAreNamedAndHoldNothing) {
-  const Estimate found = estimate(make_scene(clipping_scene()), with_dipole("lut"));
+  const Estimate found = estimate(make_scene(clipping_scene(100)), with_dipole("lut"));
   const Maps& maps = found.maps;
   ASSERT_FALSE(maps.translucency_mm[0].empty());
   EXPECT_EQ(maps.validity[0].at(16, 3) & kValidityErrors, kBackground);
