@@ -11,6 +11,9 @@
 
 namespace rig {
 
+class ProjectorRequests;
+class ProjectorWindow;
+
 // Threads: open(), run() and the destructor on the main thread (GLFW's rule); load(), show() and
 // report() on any. One at a time in a process. The sink outlives it.
 //
@@ -44,15 +47,13 @@ class GlfwProjector final : public Projector {
   Result<void> show(const ShowRequest& request) override;
 
  private:
-  class Window;    // what is drawn, where; main thread
-  class Requests;  // what is asked; thread-safe
-  GlfwProjector(std::unique_ptr<Window> window, EventSink& sink);
+  GlfwProjector(std::unique_ptr<ProjectorWindow> window, EventSink& sink);
   void serve_requests(const std::stop_token& stop);
   void watch_display();
 
   EventSink& sink_;
-  std::unique_ptr<Requests> requests_;
-  std::unique_ptr<Window> window_;
+  std::unique_ptr<ProjectorRequests> requests_;  // what is asked; thread-safe
+  std::unique_ptr<ProjectorWindow> window_;      // what is drawn, where; main thread
 };
 
 }  // namespace rig
