@@ -12,12 +12,13 @@
 namespace rig {
 
 // Calls as in Camera: from the thread that runs the session. Starts one thread while armed, which
-// checks each buffer and posts it; Aravis has its own for heartbeat and reception.
+// checks each buffer and posts it, and one to disarm; Aravis has its own for heartbeat and
+// reception.
 //
 // A lost camera (heartbeat, control taken away) posts one DeviceFault{kDeviceLost}; its features
 // are not touched again. disarm() then returns at once, but the destructor waits for Aravis to give
-// up on the dead camera, up to 8 s. disarm() within the 5 s in which a dead camera is not yet known
-// to be lost takes up to 3 s.
+// up on the dead camera, up to 12 s. disarm() within the 5 s in which a dead camera is not yet
+// known to be lost takes a second, after which it is.
 class AravisCamera final : public Camera {
  public:
   // Opens, takes control, verifies the serial number, writes and reads back every setting.

@@ -190,4 +190,24 @@ Result<void> AravisFeatures::execute(const std::string& name) const {
   return take_error(&error, "executing " + name);
 }
 
+Result<void> AravisFeatures::set_text_if_present(const std::string& name,
+                                                 const std::string& value) const {
+  return has(name) ? set_text(name, value) : Result<void>{};
+}
+
+bool AravisFeatures::set_entry_if_present(const std::string& name, const std::string& value) const {
+  return has_entry(name, value) && set_text(name, value).has_value();
+}
+
+Result<void> advising(Result<void> result, const std::string& remedy) {
+  if (!result && result.error().fault != Fault::kDeviceLost) result.error().detail += "; " + remedy;
+  return result;
+}
+
+std::string joined(const std::vector<std::string>& words) {
+  std::string text;
+  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
+  return text.empty() ? "none" : text;
+}
+
 }  // namespace rig

@@ -1,4 +1,4 @@
-// GenICam features as Results: every write is read back. Internal to aravis_camera.cpp.
+// GenICam features as Results: every write is read back. Internal to the Aravis adapter.
 #pragma once
 
 #include <cstdint>
@@ -42,10 +42,28 @@ class AravisFeatures {
   // The camera may round to `tolerance`.
   Result<void> set_number(const std::string& name, double value, double tolerance) const;
   Result<void> execute(const std::string& name) const;
+  // Nothing where the camera has no such feature.
+  Result<void> set_text_if_present(const std::string& name, const std::string& value) const;
+  // False where the camera has no such value, or does not take it.
+  bool set_entry_if_present(const std::string& name, const std::string& value) const;
 
  private:
   Result<void> require(const std::string& name) const;
   _ArvCamera* camera_;
 };
+
+// What to do about an error, unless the device is gone: that says so itself.
+Result<void> advising(Result<void> result, const std::string& remedy);
+
+// "a, b, c", or "none".
+std::string joined(const std::vector<std::string>& words);
+
+// Runs steps until one fails.
+template <typename... Steps>
+Result<void> in_order(Steps&&... steps) {
+  Result<void> result;
+  static_cast<void>(((result = steps(), result.has_value()) && ...));
+  return result;
+}
 
 }  // namespace rig

@@ -1,5 +1,5 @@
 // What a camera says of itself and of its frames, judged before anything is built on it. Knows no
-// Aravis, so that tests/fuzz can say anything. Internal to aravis_camera.cpp.
+// Aravis, so that tests/fuzz can say anything. Internal to the Aravis adapter.
 #pragma once
 
 #include <cstddef>

@@ -265,6 +265,24 @@ TEST_F(CameraFaults, ControlThatIsGoneWhenTheClockIsReadIsALostCamera) {
   EXPECT_EQ(clock.error().fault, rig::Fault::kDeviceLost) << clock.error().detail;
 }
 
+// Aravis asks a dead camera for 2.5 s, in which no abort would be heard.
+TEST_F(CameraFaults, ADeadCameraIsNotWaitedForWhenDisarmedButLost) {
+  ASSERT_NO_FATAL_FAILURE(open_and_arm(2));
+  pulse(1);
+  expect(1, 0);
+  faults().is_mute = true;
+  camera_->disarm();
+  collect(rig::HostClock::now() + milliseconds(10), [] { return false; });
+  ASSERT_EQ(device_faults_.size(), 1U);
+  EXPECT_EQ(device_faults_[0].error.fault, rig::Fault::kDeviceLost);
+  EXPECT_THAT(device_faults_[0].error.detail, HasSubstr("does not answer"));
+  const auto armed = camera_->arm(exposures_, 2);
+  ASSERT_FALSE(armed.has_value());
+  EXPECT_EQ(armed.error().fault, rig::Fault::kDeviceLost);
+  expect_own_pixels();
+  faults().is_mute = false;  // or closing it takes ten seconds more
+}
+
 TEST_F(CameraFaults, LostPowerIsADeviceFaultAndFramesStay) {
   ASSERT_NO_FATAL_FAILURE(open_and_arm(2));
   pulse(1);
