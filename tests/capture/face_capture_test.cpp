@@ -3,18 +3,12 @@
 #include <gmock/gmock.h>
 
 #include <filesystem>
-#include <fstream>
-#include <iterator>
-#include <sstream>
 #include <string>
 
-#include "capture/capture_job.h"
 #include "estimation/estimator.h"
-#include "estimation/session/manifest.h"
 #include "estimation/session/maps.h"
-#include "hw_sim/devices/in_process_rig.h"
-#include "hw_sim/world/head_world.h"
 #include "hw_sim/world/judge.h"
+#include "tests/capture/face_rig.h"
 #include "tests/capture/folder_files.h"
 
 namespace capture {
@@ -22,41 +16,21 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// tests/wire/rig's small rig with the exposures of config/simulated.toml, where the long one clips.
-rig::RigFile small_rig() {
-  auto rig_file = rig::read_rig_file(fs::path(SMALL_RIG));
-  EXPECT_TRUE(rig_file) << rig_file.error().detail;
-  rig_file->sequence.exposures = {std::chrono::microseconds(16667),
-                                  std::chrono::microseconds(66667)};
-  rig_file->sequence.is_shuffled = true;
-  return *rig_file;
+// With the exposures of config/simulated.toml, where the long one clips.
+rig::RigFile clipping_rig() {
+  rig::RigFile rig_file = small_rig();
+  rig_file.sequence.exposures = {std::chrono::microseconds(16667),
+                                 std::chrono::microseconds(66667)};
+  rig_file.sequence.is_shuffled = true;
+  return rig_file;
 }
 
-std::unique_ptr<hw_sim::HeadWorld> make_face(const rig::RigFile& rig_file, bool has_indirect) {
-  std::ifstream file(rig_file.calibration_file);
-  const std::string json((std::istreambuf_iterator<char>(file)), {});
-  const auto calibration = estimation::parse_calibration(json, rig_file.calibration_file.string());
-  EXPECT_TRUE(calibration) << calibration.error().text();
-  estimation::CameraInfo camera;
-  camera.width_px = rig_file.camera.width_px;
-  camera.height_px = rig_file.camera.height_px;
-  camera.pixel_format = *estimation::parse_pixel_format(rig_file.camera.pixel_format);
-  camera.black_level_dn = rig_file.sensor.black_level_dn;
-  camera.saturation_level_dn = rig_file.sensor.saturation_level_dn;
-  camera.gain_e_per_dn = rig_file.sensor.gain_e_per_dn;
-  camera.read_noise_e = rig_file.sensor.read_noise_e;
-  const estimation::ProjectorInfo projector{.width_px = rig_file.projector.width_px,
-                                            .height_px = rig_file.projector.height_px,
-                                            .sync_square = {}};
-  auto world = hw_sim::HeadWorld::create(camera, projector, *calibration,
-                                         {.name = "face_female",
-                                          .effects = {},
-                                          .has_indirect = has_indirect,
-                                          .seed = 7,
-                                          .thread_count = 0,
-                                          .cache_folder = {}});
-  EXPECT_TRUE(world) << world.error().detail;
-  return std::move(*world);
+std::unique_ptr<hw_sim::HeadWorld> face_with(const rig::RigFile& rig_file, bool has_indirect) {
+  return make_face(rig_file, hw_sim::SceneOptions{.name = "face_female",
+                                                  .effects = {},
+                                                  .has_indirect = has_indirect,
+                                                  .seed = 7,
+                                                  .cache_folder = {}});
 }
 
 class FaceCapture : public testing::TestWithParam<bool> {
@@ -72,20 +46,15 @@ class FaceCapture : public testing::TestWithParam<bool> {
     CaptureOptions options;
     options.directory = folder_ / name;
     options.estimator.model = "dipole";  // the world's truth
-    options.created = std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
-    const auto job = CaptureJob::prepare(rig_file_, options);
-    EXPECT_TRUE(job) << job.error().message;
-    hw_sim::InProcessRig rig(
-        world, {rig_file_.projector, rig_file_.trigger, rig_file_.camera, {}, {}, {}});
-    return job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
+    return capture_once(rig_file_, world, options);
   }
 
   fs::path folder_;
-  rig::RigFile rig_file_ = small_rig();
+  rig::RigFile rig_file_ = clipping_rig();
 };
 
 TEST_P(FaceCapture, MapsAreTheTruth) {
-  const auto world = make_face(rig_file_, GetParam());
+  const auto world = face_with(rig_file_, GetParam());
   const CaptureResult result = capture(*world, "a");
   ASSERT_EQ(result.exit_code, ExitCode::kDone) << result.message;
   ASSERT_TRUE(world->write_truth(folder_ / "truth"));
@@ -109,7 +78,7 @@ INSTANTIATE_TEST_SUITE_P(IndirectLight, FaceCapture, testing::Bool());
 
 // Creases and borders move the stripes and the profiles; --refine takes most of that out.
 TEST_F(FaceCapture, RefinementBringsTheWholeFaceCloserToTheTruth) {
-  const auto world = make_face(rig_file_, false);
+  const auto world = face_with(rig_file_, false);
   const CaptureResult result = capture(*world, "a");
   ASSERT_EQ(result.exit_code, ExitCode::kDone) << result.message;
   ASSERT_TRUE(world->write_truth(folder_ / "truth"));
@@ -146,9 +115,9 @@ TEST_F(FaceCapture, RefinementBringsTheWholeFaceCloserToTheTruth) {
 }
 
 TEST_F(FaceCapture, SameSeedIsTheSameSessionToTheByte) {
-  const auto world = make_face(rig_file_, true);
+  const auto world = face_with(rig_file_, true);
   const CaptureResult first = capture(*world, "a");
-  const CaptureResult second = capture(*make_face(rig_file_, true), "b");
+  const CaptureResult second = capture(*face_with(rig_file_, true), "b");
   ASSERT_EQ(first.exit_code, ExitCode::kDone) << first.message;
   const auto files = files_of(first.session);
   EXPECT_GT(files.size(), 176U);

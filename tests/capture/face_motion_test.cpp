@@ -7,14 +7,10 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
-#include <iterator>
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "capture/capture_job.h"
-#include "estimation/session/manifest.h"
-#include "hw_sim/devices/in_process_rig.h"
-#include "hw_sim/world/head_world.h"
+#include "tests/capture/face_rig.h"
 
 namespace capture {
 namespace {
@@ -31,57 +27,19 @@ class FaceMotion : public testing::Test {
   }
   static void TearDownTestSuite() { fs::remove_all(folder_); }
 
-  FaceMotion() {
-    auto rig_file = rig::read_rig_file(fs::path(SMALL_RIG));
-    EXPECT_TRUE(rig_file) << rig_file.error().detail;
-    rig_file_ = *rig_file;
-  }
-
-  std::unique_ptr<hw_sim::HeadWorld> make_world(const hw_sim::Effects& effects) const {
-    std::ifstream file(rig_file_.calibration_file);
-    const std::string json((std::istreambuf_iterator<char>(file)), {});
-    const auto calibration =
-        estimation::parse_calibration(json, rig_file_.calibration_file.string());
-    EXPECT_TRUE(calibration) << calibration.error().text();
-    estimation::CameraInfo camera;
-    camera.width_px = rig_file_.camera.width_px;
-    camera.height_px = rig_file_.camera.height_px;
-    camera.pixel_format = *estimation::parse_pixel_format(rig_file_.camera.pixel_format);
-    camera.black_level_dn = rig_file_.sensor.black_level_dn;
-    camera.saturation_level_dn = rig_file_.sensor.saturation_level_dn;
-    camera.gain_e_per_dn = rig_file_.sensor.gain_e_per_dn;
-    camera.read_noise_e = rig_file_.sensor.read_noise_e;
-    const estimation::ProjectorInfo projector{.width_px = rig_file_.projector.width_px,
-                                              .height_px = rig_file_.projector.height_px,
-                                              .sync_square = {}};
-    auto world = hw_sim::HeadWorld::create(camera, projector, *calibration,
-                                           {.name = "face_female",
+  // The report of a capture under such effects.
+  static nlohmann::json watch(const hw_sim::Effects& effects) {
+    CaptureOptions options;
+    options.directory = folder_ / "sessions";
+    options.estimator.is_geometry_only = true;  // the maps are not what is looked at
+    const rig::RigFile rig_file = small_rig();
+    const auto world = make_face(rig_file, {.name = "face_female",
                                             .effects = effects,
                                             .has_indirect = false,
                                             .has_identity = false,
                                             .seed = 7,
-                                            .thread_count = 0,
                                             .cache_folder = folder_ / "cache"});
-    EXPECT_TRUE(world) << world.error().detail;
-    return std::move(*world);
-  }
-
-  // The report of a capture under such effects.
-  nlohmann::json watch(const hw_sim::Effects& effects) const {
-    CaptureOptions options;
-    options.directory = folder_ / "sessions";
-    options.created = std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
-    options.estimator.is_geometry_only = true;  // the maps are not what is looked at
-    const auto job = CaptureJob::prepare(rig_file_, options);
-    EXPECT_TRUE(job) << job.error().message;
-    const auto world = make_world(effects);
-    hw_sim::InProcessOptions rig_options;
-    rig_options.projector = rig_file_.projector;
-    rig_options.trigger = rig_file_.trigger;
-    rig_options.camera = rig_file_.camera;
-    hw_sim::InProcessRig rig(*world, rig_options);
-    const CaptureResult result =
-        job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
+    const CaptureResult result = capture_once(rig_file, *world, options);
     EXPECT_EQ(result.exit_code, ExitCode::kDone) << result.message;
     std::printf("%s\n", result.motion.c_str());
     std::ifstream file(result.session / "report/motion.json");
@@ -89,7 +47,6 @@ class FaceMotion : public testing::Test {
   }
 
   static fs::path folder_;
-  rig::RigFile rig_file_;
 };
 fs::path FaceMotion::folder_;
 

@@ -23,15 +23,8 @@ using testing::SyntheticScene;
 
 constexpr ProjectorInfo kProjector{1024, 768, {}};
 
-// 176 x 200 px that cross 700 columns and 500 rows, obliquely to both, all phases of all periods.
-SyntheticScene slanted_scene() {
-  SyntheticScene scene;
-  scene.height_px = 176;
-  scene.width_px = 200;
-  scene.column_px = [](int row, int col) { return 150.3 + 3.437 * col + 0.113 * row; };
-  scene.row_px = [](int row, int col) { return 120.7 + 2.771 * row - 0.092 * col; };
-  return scene;
-}
+// 176 x 200 px that cross 700 columns and 500 rows.
+SyntheticScene slanted_scene() { return testing::slanted_scene(176, 200, 3.437, 2.771); }
 
 // A white reflector near full well: 4.88 e/DN, 10 e read noise, exposures of 16.667 and 66.667 ms.
 void add_noise(SyntheticScene& scene, CorrespondenceOptions& options) {

@@ -23,14 +23,7 @@ using testing::SyntheticScene;
 constexpr ProjectorInfo kProjector{1024, 768, {}};
 
 // No whole number of vectors wide.
-SyntheticScene small_scene() {
-  SyntheticScene scene;
-  scene.height_px = 45;
-  scene.width_px = 141;
-  scene.column_px = [](int row, int col) { return 150.3 + 4.437 * col + 0.113 * row; };
-  scene.row_px = [](int row, int col) { return 120.7 + 9.771 * row - 0.092 * col; };
-  return scene;
-}
+SyntheticScene small_scene() { return testing::slanted_scene(45, 141, 4.437, 9.771); }
 
 struct Sensor {
   std::vector<double> exposures_us;

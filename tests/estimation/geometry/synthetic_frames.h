@@ -29,6 +29,18 @@ struct SyntheticScene {
   std::uint64_t seed = 1;
 };
 
+// Crosses the projector obliquely to both axes, through all phases of all periods; a pixel is so
+// many columns wide and rows high.
+inline SyntheticScene slanted_scene(int height_px, int width_px, double columns_per_px,
+                                    double rows_per_px) {
+  SyntheticScene scene;
+  scene.height_px = height_px;
+  scene.width_px = width_px;
+  scene.column_px = [=](int row, int col) { return 150.3 + columns_per_px * col + 0.113 * row; };
+  scene.row_px = [=](int row, int col) { return 120.7 + rows_per_px * row - 0.092 * col; };
+  return scene;
+}
+
 // Normal deviates that are the same with every library.
 class NormalDeviates {
  public:
