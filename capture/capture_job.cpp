@@ -1,5 +1,6 @@
 #include "capture/capture_job.h"
 
+#include <algorithm>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -9,6 +10,7 @@
 #include "capture/results.h"
 #include "capture/session_plan.h"
 #include "capture/session_writer.h"
+#include "capture/stored_pictures.h"
 #include "capture/take_run.h"
 
 namespace capture {
@@ -65,6 +67,14 @@ std::string summary(const RunResult& run, int slot_count) {
       std::to_string(slot_count) + " of " + std::to_string(slot_count) + " slots filled";
   if (run.retake_count > 0) text += ", " + std::to_string(run.retake_count) + " retaken";
   return text;
+}
+
+std::string wrong_picture_text(const estimation::PictureCheck& check) {
+  return "frames of " + name_patterns(check) +
+         " do not show their pictures: see that the projector shows every picture for as long as "
+         "the square says (frame interpolation and low-latency modes off), or lengthen "
+         "trigger.delay_rise_us and trigger.delay_fall_us; " +
+         check.text();
 }
 
 // Beside the frames, whatever became of the capture; a reader of sessions needs none of it.
@@ -166,6 +176,11 @@ std::unique_ptr<MotionWatch> CaptureJob::make_watch(const Take& take, bool is_sh
       static_cast<std::size_t>(take.plan.slot_count()) + bracket_count, is_shuffled);
 }
 
+std::unique_ptr<PictureWatch> CaptureJob::make_picture_watch(const Take& take) const {
+  const int frame_count = std::max(take.plan.slot_count(), plan_.slot_count());
+  return std::make_unique<PictureWatch>(manifest_, static_cast<std::size_t>(frame_count));
+}
+
 // Has rig or subject moved since the take was interrupted? Nullopt: no, and `repeats` has the
 // comparison; or there is nothing to compare with.
 std::optional<CaptureResult> CaptureJob::check_nothing_moved(
@@ -234,10 +249,14 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
   }
   const Take take = make_own_take();
   const auto watch = make_watch(take, rig_file_.sequence.is_shuffled);
-  auto motion = take_frames(devices, stop, take, {**writer, estimate.get(), watch.get()},
-                            std::move(repeats), teller, result);
+  const auto picture_watch = make_picture_watch(take);
+  WatchedPictures pictures;
+  auto motion =
+      take_frames(devices, stop, take, {**writer, estimate.get(), watch.get(), picture_watch.get()},
+                  std::move(repeats), teller, pictures, result);
   if (result.state != SessionState::kComplete || options_.product != CaptureProduct::kMaps)
     return result;
+  if (!pictures.retaken.empty()) estimate.reset();  // it has the frames that were wrong
   teller.tell_estimating();
   const auto estimated = estimate
                              ? estimate->finish()
@@ -261,14 +280,59 @@ WatchedMotion CaptureJob::judge_motion(const Devices& devices, MotionWatch& watc
   return motion;
 }
 
+// The rig still stands there: slots whose frames do not show their pattern are shown again.
+// Nullopt: all do, or cannot be checked.
+std::optional<CaptureJob::Shortfall> CaptureJob::retake_wrong(Devices devices,
+                                                              const std::stop_token& stop,
+                                                              const TakeSinks& sinks,
+                                                              ProgressTeller& teller,
+                                                              WatchedPictures& pictures) const {
+  for (int retake = 0;; ++retake) {
+    pictures.check = sinks.pictures->judge();
+    sinks.writer.journal(picture_line(pictures.check));
+    const auto& wrong = pictures.check.wrong;
+    if (wrong.empty()) return std::nullopt;
+    if (retake == rig_file_.sequence.retake_limit) {
+      estimation::SessionFailure failure{"wrong picture", {}, wrong_picture_text(pictures.check)};
+      for (const auto& each : wrong)
+        failure.slots.push_back(to_string(SlotId{each.pattern, each.bracket}));
+      return Shortfall{SessionState::kFailed, ExitCode::kIncomplete, failure.text, failure};
+    }
+    std::vector<bool> is_open(static_cast<std::size_t>(plan_.slot_count()), false);
+    for (const auto& each : wrong) {
+      is_open[static_cast<std::size_t>(each.pattern) * plan_.exposures.size() +
+              static_cast<std::size_t>(each.bracket)] = true;
+      sinks.writer.set_aside({each.pattern, each.bracket});
+    }
+    pictures.retaken.insert(pictures.retaken.end(), wrong.begin(), wrong.end());
+    constexpr int kNeverRepeat = 0;
+    const Take take = make_take(plan_, is_open, plan_.order.front(), kNeverRepeat);
+    sinks.writer.journal(retake_line(take));
+    teller.begin_run(plan_.slot_count() - take.open_slot_count());
+    const RunResult run = run_take(devices, rig_file_, take,
+                                   {sinks.writer, nullptr, nullptr, sinks.pictures}, stop, teller);
+    if (run.outcome != Outcome::kComplete) {
+      std::string message = summary(run, plan_.slot_count());
+      if (run.outcome == Outcome::kFailed)
+        message = wrong_picture_text(pictures.check) + "; taken again: " + message;
+      return Shortfall{state_of(run.outcome), exit_code_of(run), message,
+                       describe(run.failure, take)};
+    }
+  }
+}
+
 // Fills the slots that are open and ends the session as complete, failed or aborted.
 std::optional<WatchedMotion> CaptureJob::take_frames(Devices devices, const std::stop_token& stop,
                                                      const Take& take, const TakeSinks& sinks,
                                                      std::vector<estimation::Repeat> repeats,
                                                      ProgressTeller& teller,
+                                                     WatchedPictures& pictures,
                                                      CaptureResult& result) const {
   MotionWatch* const watch = sinks.watch;
-  if (resumption_) sinks.writer.journal(resume_line(resumption_->good_count(), take));
+  if (resumption_) {
+    sinks.writer.journal(resume_line(resumption_->good_count(), take));
+    sinks.pictures->know(resumption_->pictures);
+  }
   if (watch != nullptr) {
     for (estimation::Repeat& repeat : repeats) watch->know(std::move(repeat));
     if (resumption_)
@@ -289,7 +353,23 @@ std::optional<WatchedMotion> CaptureJob::take_frames(Devices devices, const std:
     motion = judge_motion(devices, *watch, *take.repeated, sinks.writer, teller);
     note_motion(*motion, result);
   }
-  const auto stored = sinks.writer.finish(result.state, describe(run.failure, take));
+  auto failure = describe(run.failure, take);
+  if (run.outcome == Outcome::kComplete) {
+    if (auto shortfall = retake_wrong(devices, stop, sinks, teller, pictures)) {
+      result.state = shortfall->state;
+      result.exit_code = shortfall->exit_code;
+      result.message = std::move(shortfall->message);
+      failure = std::move(shortfall->failure);
+    } else if (!pictures.retaken.empty()) {
+      result.message += ", " + std::to_string(pictures.retaken.size()) +
+                        " of them again because the first did not show its pattern";
+    }
+    if (motion) {
+      motion->pictures = pictures;
+      note_motion(*motion, result);
+    }
+  }
+  const auto stored = sinks.writer.finish(result.state, std::move(failure));
   if (stored) return motion;
   result.state = SessionState::kFailed;
   result.exit_code = ExitCode::kStorage;

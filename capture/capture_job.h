@@ -60,7 +60,8 @@ class CaptureJob {
   // On the session thread, devices open. `stop` aborts the capture; maps under way are finished.
   // A resumed take first shows a pattern that it has again: if it moved further than a map could
   // bear, the result is kIncomplete and says by how much, and nothing of the take has changed but
-  // its journal.
+  // its journal. Frames that do not show their pattern (capture/picture_watch.h) are set aside and
+  // taken again, as often as sequence.retake_limit says; what is wrong then fails the capture.
   CaptureResult run(Devices devices, const std::stop_token& stop,
                     const OnProgress& on_progress) const;
 
@@ -78,7 +79,19 @@ class CaptureJob {
   std::optional<WatchedMotion> take_frames(Devices devices, const std::stop_token& stop,
                                            const Take& take, const TakeSinks& sinks,
                                            std::vector<estimation::Repeat> repeats,
-                                           ProgressTeller& teller, CaptureResult& result) const;
+                                           ProgressTeller& teller, WatchedPictures& pictures,
+                                           CaptureResult& result) const;
+  // How a capture ends that is not complete.
+  struct Shortfall {
+    estimation::SessionState state = estimation::SessionState::kFailed;
+    ExitCode exit_code = ExitCode::kIncomplete;
+    std::string message;
+    std::optional<estimation::SessionFailure> failure;
+  };
+  std::optional<Shortfall> retake_wrong(Devices devices, const std::stop_token& stop,
+                                        const TakeSinks& sinks, ProgressTeller& teller,
+                                        WatchedPictures& pictures) const;
+  std::unique_ptr<PictureWatch> make_picture_watch(const Take& take) const;
 
   rig::RigFile rig_file_;
   CaptureOptions options_;

@@ -115,6 +115,25 @@ std::string motion_line(const std::string& verdict, std::chrono::nanoseconds ver
                   {"verdict_ms", std::chrono::duration<double, std::milli>(verdict_time).count()}});
 }
 
+std::string picture_line(const estimation::PictureCheck& check) {
+  Json line{{"event", "pictures checked"},
+            {"checked", check.checked_count},
+            {"unchecked", check.unchecked.size()},
+            {"wrong", Json::array()},
+            {"detail", check.text()}};
+  for (const estimation::WrongPicture& wrong : check.wrong)
+    line["wrong"].push_back({{"pattern", wrong.pattern}, {"bracket", wrong.bracket}});
+  return as_line(line);
+}
+
+std::string retake_line(const Take& take) {
+  Json line{{"event", "take goes on"},
+            {"open_slots", take.open_slot_count()},
+            {"patterns", Json::array()}};
+  for (const TakeEntry& entry : take.entries) line["patterns"].push_back(entry.pattern);
+  return as_line(line);
+}
+
 std::string journal_line(const Transition& transition, rig::HostTime start) {
   const SequenceState& state = transition.state;
   Json line{

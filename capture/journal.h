@@ -7,6 +7,7 @@
 
 #include "capture/runner.h"
 #include "capture/take.h"
+#include "estimation/motion/picture_identity.h"
 #include "rig/rig_file.h"
 
 namespace capture {
@@ -29,6 +30,11 @@ std::string latency_line(std::chrono::nanoseconds latency);
 
 // What the repeats said of the subject, and how long after the last frame.
 std::string motion_line(const std::string& verdict, std::chrono::nanoseconds verdict_time);
+
+// Whether the frames show their patterns.
+std::string picture_line(const estimation::PictureCheck& check);
+// Slots are taken again because theirs do not.
+std::string retake_line(const Take& take);
 
 // One JSON object: time since `start`, event, phases, pattern, and what was found and done.
 std::string journal_line(const Transition& transition, rig::HostTime start);

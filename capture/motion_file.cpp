@@ -33,6 +33,28 @@ Json describe(const estimation::BriefChange& change) {
   return json;
 }
 
+Json describe(const estimation::WrongPicture& wrong) {
+  Json json{
+      {"pattern", wrong.pattern}, {"bracket", wrong.bracket}, {"share_frac", wrong.share_frac}};
+  if (wrong.seen_pattern) json["seen_pattern"] = *wrong.seen_pattern;
+  if (wrong.or_pattern) json["or_pattern"] = *wrong.or_pattern;
+  return json;
+}
+
+Json describe(const WatchedPictures& pictures) {
+  Json json{{"text", pictures.check.text()},
+            {"checked", pictures.check.checked_count},
+            {"wrong", Json::array()},
+            {"retaken", Json::array()},
+            {"unchecked", Json::array()}};
+  for (const auto& wrong : pictures.check.wrong) json["wrong"].push_back(describe(wrong));
+  for (const auto& wrong : pictures.retaken) json["retaken"].push_back(describe(wrong));
+  for (const auto& each : pictures.check.unchecked)
+    json["unchecked"].push_back(
+        {{"pattern", each.pattern}, {"bracket", each.bracket}, {"why", each.why}});
+  return json;
+}
+
 Json describe(const estimation::Repeat& repeat, const std::optional<estimation::Motion>& motion) {
   Json json{{"elapsed_s", repeat.elapsed_s}};
   if (!repeat.change) {
@@ -76,7 +98,8 @@ std::string format_motion(const WatchedMotion& motion) {
             {"reasons", report.reasons},
             {"pattern", motion.pattern},
             {"repeats", Json::array()},
-            {"brief_changes", Json::array()}};
+            {"brief_changes", Json::array()},
+            {"pictures", describe(motion.pictures)}};
   for (std::size_t i = 0; i < report.repeats.size(); ++i)
     json["repeats"].push_back(describe(report.repeats[i], report.motions[i]));
   for (const estimation::BriefChange& change : report.brief_changes)

@@ -9,6 +9,7 @@
 
 #include "capture/journal.h"
 #include "capture/session_plan.h"
+#include "capture/stored_pictures.h"
 #include "capture/stored_take.h"
 #include "estimation/session/frame_io.h"
 #include "nlohmann/json.hpp"
@@ -125,6 +126,29 @@ Differences find_differences(const rig::RigFile& rig_file, const Plan& plan,
   return differences;
 }
 
+// Frames that do not show their pattern are none of the take.
+Result<void> set_wrong_open(const Plan& plan, Resumption& resumption) {
+  std::vector<estimation::FrameRecord> stored;
+  for (std::size_t i = 0; i < resumption.is_good.size(); ++i)
+    if (resumption.is_good[i]) stored.push_back(resumption.manifest.frames[i]);
+  auto pictures = read_pictures(resumption.session, resumption.manifest, stored);
+  if (!pictures) return tl::unexpected(pictures.error());
+  const auto check =
+      check_pictures(resumption.manifest.camera, resumption.manifest.patterns, *pictures);
+  const std::size_t bracket_count = plan.exposures.size();
+  for (const estimation::WrongPicture& wrong : check.wrong) {
+    const std::size_t slot = static_cast<std::size_t>(wrong.pattern) * bracket_count +
+                             static_cast<std::size_t>(wrong.bracket);
+    resumption.is_good[slot] = false;
+    resumption.wrong_files.push_back(resumption.manifest.frames[slot].file);
+    std::erase_if(*pictures, [&wrong](const estimation::SeenPicture& each) {
+      return each.pattern == wrong.pattern && each.bracket == wrong.bracket;
+    });
+  }
+  resumption.pictures = std::move(*pictures);
+  return {};
+}
+
 }  // namespace
 
 int Resumption::good_count() const {
@@ -188,21 +212,17 @@ Result<Resumption> prepare_resumption(const rig::RigFile& rig_file, const Plan& 
     resumption.is_good.push_back(take->slots[i].has_value());
     if (take->slots[i]) resumption.manifest.frames[i] = *take->slots[i];
   }
+  if (const auto checked = set_wrong_open(plan, resumption); !checked)
+    return tl::unexpected(checked.error());
   return resumption;
 }
 
 Result<void> set_damaged_aside(const Resumption& resumption) {
-  for (const std::string& file : resumption.damaged_files) {
-    const std::string name = (resumption.session / file).string();
-    fs::path aside = name + ".damaged";
-    std::error_code error;
-    for (int number = 2; fs::exists(aside, error); ++number)
-      aside = name + ".damaged" + std::to_string(number);
-    fs::rename(name, aside, error);
-    if (error)
-      return tl::unexpected(InputError{InputFault::kUnwritable, name, "",
-                                       "the damaged file cannot be set aside: " + error.message()});
-  }
+  for (const auto& [files, suffix] : {std::pair(&resumption.damaged_files, ".damaged"),
+                                      std::pair(&resumption.wrong_files, ".wrong_picture")})
+    for (const std::string& file : *files)
+      if (const auto aside = set_aside(resumption.session / file, suffix); !aside)
+        return tl::unexpected(aside.error());
   return {};
 }
 

@@ -10,6 +10,7 @@
 #include "capture/plan.h"
 #include "capture/take_run.h"
 #include "estimation/motion/motion_verdict.h"
+#include "estimation/motion/picture_identity.h"
 #include "estimation/session/error.h"
 #include "estimation/session/manifest.h"
 #include "rig/rig_file.h"
@@ -20,7 +21,9 @@ struct Resumption {
   std::filesystem::path session;
   estimation::Manifest manifest;  // a record a slot; the good ones as their frames were stored
   std::vector<bool> is_good;      // [pattern * brackets + bracket]: on the disk, and checked
-  std::vector<std::string> damaged_files;  // under a slot's name, but not good
+  std::vector<std::string> damaged_files;         // under a slot's name, but not good
+  std::vector<std::string> wrong_files;           // whole, but they do not show their pattern
+  std::vector<estimation::SeenPicture> pictures;  // of the good ones
 
   int good_count() const;
   std::vector<bool> is_open() const;
@@ -36,8 +39,8 @@ estimation::Result<Resumption> prepare_resumption(const rig::RigFile& rig_file, 
                                                   const estimation::Manifest& planned,
                                                   const std::filesystem::path& session);
 
-// Room for what comes under the names of damaged files: they get ".damaged" appended, with a number
-// where that is taken. Errors: kUnwritable.
+// Room for what comes under the names of files that are not good: they get ".damaged" or
+// ".wrong_picture" appended, with a number where that is taken. Errors: kUnwritable.
 estimation::Result<void> set_damaged_aside(const Resumption& resumption);
 
 // The frames of `pattern` from the disk, as the watch's first showing.

@@ -514,8 +514,8 @@ class Turn {
     const int bracket_count = static_cast<int>(rules_.ledger.exposures.size());
     // The patterns, the priming, what confirms the last, and as many retakes as one may have.
     const int confirming_count = is_confirmed_by_edge() ? 1 : 0;
-    const int showing_count =
-        static_cast<int>(state().queue.size()) + 1 + confirming_count + rules_.retake_limit;
+    const int showing_count = static_cast<int>(state().queue.size()) +
+                              rules_.ledger.priming_rounds + confirming_count + rules_.retake_limit;
     ++state().run_id;
     state().phase = Arming{now_ + kArmDeadline};
     step_.actions.push_back(Arm{state().run_id, showing_count * bracket_count});

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "capture/session_plan.h"
+#include "capture/stored_take.h"
 #include "estimation/session/frame_io.h"
 #include "nlohmann/json.hpp"
 
@@ -179,6 +180,7 @@ void SessionWriter::Descriptor::close() {
 SessionWriter::~SessionWriter() { queue_.close(); }
 
 void SessionWriter::write(const CapturedFrame& frame) { queue_.push(frame); }
+void SessionWriter::set_aside(SlotId slot) { queue_.push(slot); }
 void SessionWriter::journal(std::string json_line) { queue_.push(std::move(json_line)); }
 
 std::optional<InputError> SessionWriter::fault() const {
@@ -224,6 +226,21 @@ void SessionWriter::store(const CapturedFrame& frame) {
                        {"camera_timestamp_ns", *record.camera_timestamp_ns},
                        {"edge_timestamp_ns", *record.edge_timestamp_ns},
                        {"sha256", *record.sha256}}
+            .dump());
+}
+
+void SessionWriter::store(SlotId wrong) {
+  const std::size_t index = slot_index(wrong);
+  const estimation::FrameRecord& record = manifest_.frames[index];
+  if (!is_stored_[index]) return;  // it could not be written: fault() says so
+  const auto aside = capture::set_aside(folder_ / record.file, ".wrong_picture");
+  if (!aside) return set_fault(aside.error());
+  is_stored_[index] = false;
+  store(nlohmann::json{{"event", "frame set aside"},
+                       {"pattern", wrong.pattern},
+                       {"bracket", wrong.bracket},
+                       {"file", record.file},
+                       {"aside", aside->lexically_relative(folder_).string()}}
             .dump());
 }
 

@@ -48,6 +48,9 @@ class SessionWriter {
   const estimation::Manifest& manifest() const { return manifest_; }
 
   void write(const CapturedFrame& frame);
+  // The slot's frame does not show its pattern: its file becomes "*.wrong_picture", which no reader
+  // of sessions looks at, and the slot is open again.
+  void set_aside(SlotId slot);
   void journal(std::string json_line);
   // The first thing that could not be written; thread-safe.
   std::optional<estimation::InputError> fault() const;
@@ -77,13 +80,14 @@ class SessionWriter {
     Descriptor journal;
     Descriptor reserve;  // without a name: room for the last manifest, even on a full disk
   };
-  using Job = std::variant<CapturedFrame, std::string>;
+  using Job = std::variant<CapturedFrame, SlotId, std::string>;
 
   SessionWriter(std::filesystem::path folder, estimation::Manifest plan,
                 std::vector<bool> is_stored, Files files);
   void run();
   void store(const CapturedFrame& frame);
   void store(const std::string& line);
+  void store(SlotId wrong);
   struct StoredFile {
     std::string sha256;
     std::size_t byte_count = 0;

@@ -162,6 +162,19 @@ int StoredTake::good_count() const {
       std::count_if(slots.begin(), slots.end(), [](const auto& slot) { return slot.has_value(); }));
 }
 
+estimation::Result<fs::path> set_aside(const fs::path& file, const std::string& suffix) {
+  fs::path aside = file.string() + suffix;
+  std::error_code error;
+  for (int number = 2; fs::exists(aside, error); ++number)
+    aside = file.string() + suffix + std::to_string(number);
+  fs::rename(file, aside, error);
+  if (error)
+    return tl::unexpected(
+        estimation::InputError{estimation::InputFault::kUnwritable, file.string(), "",
+                               "the file cannot be set aside: " + error.message()});
+  return aside;
+}
+
 estimation::Result<StoredTake> read_take(const fs::path& session,
                                          const std::vector<estimation::FrameRecord>& planned) {
   auto manifest = estimation::read_manifest(session);

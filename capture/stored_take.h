@@ -52,6 +52,11 @@ struct StoredTake {
   int good_count() const;
 };
 
+// Gives a file of a session another name, its own with `suffix` appended, and a number where that
+// is taken; returns it. Errors: kUnwritable.
+estimation::Result<std::filesystem::path> set_aside(const std::filesystem::path& file,
+                                                    const std::string& suffix);
+
 // Reads and checks every frame that is there. `planned` names the slots' files. Error: no manifest
 // that can be read.
 estimation::Result<StoredTake> read_take(const std::filesystem::path& session,

@@ -18,6 +18,11 @@ class FrameFork final : public FrameConsumer {
     const TakeEntry& entry = take_.entry(frame.slot);
     if (sinks_.watch != nullptr && entry.is_repeat)
       sinks_.watch->add_repeat(take_.repeat_number(frame.slot.pattern), frame);
+    if (sinks_.pictures != nullptr && entry.is_repeat) {
+      CapturedFrame repeat = frame;
+      repeat.slot.pattern = entry.pattern;
+      sinks_.pictures->add_repeat(repeat);
+    }
     const auto slot = take_.session_slot(frame.slot);
     if (!slot) return;
     CapturedFrame own = frame;
@@ -28,6 +33,7 @@ class FrameFork final : public FrameConsumer {
         std::find(entry.is_open.begin(), entry.is_open.end(), false) == entry.is_open.end();
     if (sinks_.watch != nullptr && is_first) sinks_.watch->add_first(own);
     if (sinks_.watch != nullptr) sinks_.watch->add_any(own);
+    if (sinks_.pictures != nullptr) sinks_.pictures->add(own);
     sinks_.writer.write(own);
     if (sinks_.estimate != nullptr) sinks_.estimate->add(own);
   }

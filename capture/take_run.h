@@ -8,6 +8,7 @@
 
 #include "capture/live_estimate.h"
 #include "capture/motion_watch.h"
+#include "capture/picture_watch.h"
 #include "capture/runner.h"
 #include "capture/session_writer.h"
 #include "capture/take.h"
@@ -33,6 +34,8 @@ class ProgressTeller {
   // `slots_before`: filled when the take begins.
   ProgressTeller(int slots_before, int slots_total, const OnProgress& on_progress);
   void tell(const Take& take, const SequenceState& state);
+  // Another run of the same capture begins.
+  void begin_run(int slots_before) { slots_before_ = slots_before; }
   // The verdict, while frames are still on their way to the disk.
   void tell_motion(const std::string& motion);
   void tell_estimating();
@@ -40,7 +43,7 @@ class ProgressTeller {
  private:
   void tell() const;
   const OnProgress& on_progress_;
-  const int slots_before_;
+  int slots_before_;
   CaptureProgress progress_;
 };
 
@@ -49,6 +52,7 @@ struct TakeSinks {
   SessionWriter& writer;
   LiveEstimate* estimate = nullptr;
   MotionWatch* watch = nullptr;
+  PictureWatch* pictures = nullptr;
 };
 
 // run_capture() of the take's plan by the rig file's rules.

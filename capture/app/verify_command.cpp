@@ -1,11 +1,14 @@
 // ssrig verify SESSION: is a session whole, from its files alone?
 #include <cstdio>
+#include <map>
 #include <memory>
+#include <set>
 #include <string>
 
 #include "capture/app/commands.h"
 #include "capture/app/console.h"
 #include "capture/interrupted_takes.h"
+#include "capture/stored_pictures.h"
 #include "estimation/session/verify.h"
 #include "nlohmann/json.hpp"
 
@@ -34,12 +37,34 @@ void print_text(const estimation::VerifyReport& report) {
   for (const auto& note : report.notes) std::printf("note: %s\n", note.c_str());
 }
 
+// Behind the structure: frames that are whole may yet show another picture than their pattern.
+void check_pictures_of(const std::string& session, estimation::VerifyReport& report) {
+  if (!report.problems.empty() || report.frame_count == 0) return;
+  const auto check = check_stored_pictures(session);
+  if (!check) {
+    report.problems.push_back(check.error());
+    return;
+  }
+  for (const auto& wrong : check->wrong)
+    report.problems.push_back({estimation::InputFault::kInvalid, session, "",
+                               estimation::PictureCheck{{wrong}, {}, 0}.text()});
+  report.notes.push_back(check->text());
+  std::map<std::string, std::set<int>> patterns;  // by why
+  for (const auto& each : check->unchecked) patterns[each.why].insert(each.pattern);
+  for (const auto& [why, numbers] : patterns) {
+    std::string text = "not checked for what they show:";
+    for (const int number : numbers) text += " " + std::to_string(number);
+    report.notes.push_back(text + " (" + why + ")");
+  }
+}
+
 ExitCode verify(const VerifyArguments& arguments) {
   auto report = estimation::verify_session(arguments.session);
   if (!report) {
     complain(report.error().text());
     return ExitCode::kFailed;
   }
+  check_pictures_of(arguments.session, *report);
   if (const auto take = find_interruption(arguments.session))
     report->notes.push_back(
         take->text() + (take->is_resumable() ? "; finish it with: " : "; maps of its frames: ") +

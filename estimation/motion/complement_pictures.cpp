@@ -125,12 +125,12 @@ class ComplementCheck {
         pairs_(std::move(pairs)),
         speed_px_per_s_(speed_px_per_s),
         frames_(frames_of(pairs_)),
-        table_(make_table(camera, pictures, frames_)) {}
+        table_(table_of(camera, pictures, frames_)) {}
 
   GroupCheck run() && {
     if (table_.places.size() < kFewestPlaces) {
       for (const std::size_t frame : frames_)
-        check_.unchecked.emplace_back(frame, "too little is lit, or too much of it clipped");
+        check_.unchecked.emplace_back(frame, "too little is lit");
       return std::move(check_);
     }
     is_clean_.assign(pairs_.size(), true);
@@ -151,6 +151,14 @@ class ComplementCheck {
     std::vector<std::pair<std::size_t, std::string>> blind;
   };
 
+  // Where light is always clipped, light and dark still add up to one and the same.
+  static LitTable table_of(const CameraInfo& camera, const BracketPictures& pictures,
+                           const std::vector<std::size_t>& frames) {
+    LitTable table = make_table(camera, pictures, frames, Clipped::kLeftOut);
+    return table.places.size() >= kFewestPlaces
+               ? table
+               : make_table(camera, pictures, frames, Clipped::kKept);
+  }
   static std::vector<std::size_t> frames_of(const std::vector<Complement>& pairs) {
     std::vector<std::size_t> frames;
     for (const Complement& pair : pairs) frames.insert(frames.end(), {pair.first, pair.second});

@@ -4,12 +4,18 @@
 #include <limits>
 
 namespace estimation {
+namespace {
+
+double clip_limit_dn(const CameraInfo& camera) {
+  return camera.saturation_level_dn.value_or(std::numeric_limits<std::uint16_t>::max() + 1.0);
+}
+
+}  // namespace
 
 LitTable make_table(const CameraInfo& camera, const BracketPictures& pictures,
-                    const std::vector<std::size_t>& frames) {
+                    const std::vector<std::size_t>& frames, Clipped clipped) {
   const std::size_t place_count = pictures.shown[frames.front()].picture->samples_dn.size();
-  const double limit_dn =
-      camera.saturation_level_dn.value_or(std::numeric_limits<std::uint16_t>::max() + 1.0);
+  const double limit_dn = clip_limit_dn(camera);
   std::vector<std::uint16_t> highest(place_count);
   std::vector<std::uint32_t> sums(place_count);
   for (const std::size_t frame : frames) {
@@ -22,7 +28,7 @@ LitTable make_table(const CameraInfo& camera, const BracketPictures& pictures,
   const double black_dn = camera.black_level_dn.value_or(0);
   std::vector<std::pair<double, std::size_t>> usable;  // mean light, place
   for (std::size_t i = 0; i < place_count; ++i)
-    if (highest[i] < limit_dn)
+    if (highest[i] < limit_dn || clipped == Clipped::kKept)
       usable.emplace_back(sums[i] / static_cast<double>(frames.size()) - black_dn, i);
   LitTable table;
   if (!usable.empty()) {
@@ -43,8 +49,10 @@ std::vector<float> light_at(const CameraInfo& camera, const LitTable& table,
                             const SeenPicture& picture) {
   const auto black_dn = static_cast<float>(camera.black_level_dn.value_or(0));
   std::vector<float> light(table.places.size());
+  const auto limit_dn = static_cast<float>(clip_limit_dn(camera));
   for (std::size_t i = 0; i < light.size(); ++i)
-    light[i] = static_cast<float>(picture.samples_dn[table.places[i]]) - black_dn;
+    light[i] =
+        std::min(static_cast<float>(picture.samples_dn[table.places[i]]), limit_dn) - black_dn;
   return light;
 }
 

@@ -22,7 +22,9 @@ struct BracketPictures {
   std::vector<Entry> shown;
 };
 
-// Places that are lit and clipped in no frame, as [frame][place] DN above black.
+enum class Clipped { kLeftOut, kKept };
+// Places that are lit, and those that a frame clips left out or kept at the limit, as
+// [frame][place] DN above black.
 struct LitTable {
   std::vector<std::size_t> places;
   std::vector<std::vector<float>> light_dn;
@@ -31,9 +33,9 @@ constexpr std::size_t kFewestPlaces = 200;
 
 // `frames` are positions in BracketPictures::shown.
 LitTable make_table(const CameraInfo& camera, const BracketPictures& pictures,
-                    const std::vector<std::size_t>& frames);
+                    const std::vector<std::size_t>& frames, Clipped clipped);
 
-// [place of `table`] of any frame, DN above black; where it is clipped, what it says.
+// [place of `table`] of any frame, DN above black; where it is clipped, the limit.
 std::vector<float> light_at(const CameraInfo& camera, const LitTable& table,
                             const SeenPicture& picture);
 

@@ -223,7 +223,9 @@ struct Deviations {
 class ShiftCheck {
  public:
   ShiftCheck(const CameraInfo& camera, const BracketPictures& pictures, const ShiftSeries& series)
-      : pictures_(pictures), table_(make_table(camera, pictures, series.frames)), series_(series) {
+      : pictures_(pictures),
+        table_(make_table(camera, pictures, series.frames, Clipped::kLeftOut)),
+        series_(series) {
     for (std::size_t n = 0; n < series.frames.size(); ++n)
       phases_rad_[pictures.shown[series.frames[n]].picture->pattern] = series.phases_rad[n];
   }
