@@ -80,6 +80,14 @@ TEST_F(WireFaults, CameraLineNeedsNoTriggerBox) {
   expect_complete_and_right();
 }
 
+// Then only a display that keeps time tells a stray trigger from a flip.
+TEST_F(WireFaults, CameraLineWithoutItsLevelNeedsThePunctualDisplay) {
+  wire_.set_mode({.sync = "camera_line", .has_line_status = false});
+  EXPECT_EQ(capture("faults = [{fault = \"trigger_doubled\", slot = 43}]\n"), kDone) << output();
+  EXPECT_NE(output().find("chunk LineStatusAll"), std::string::npos) << output();
+  expect_complete_and_right();
+}
+
 // No photodiode: the program measures how late it has to trigger, then does.
 TEST_F(WireFaults, SoftwareTriggerNeedsNoPhotodiode) {
   wire_.set_mode({.sync = "software"});
