@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "estimation/geometry/connected_fit.h"
+#include "estimation/geometry/edge_slopes.h"
 #include "estimation/geometry/filter_rows.h"
 
 namespace estimation {
@@ -209,13 +210,15 @@ struct Span {
 class Band {
  public:
   Band(const DepthMap& depth, const FitOptions& options, const Prepared& prepared,
-       const WindowFilter& filter, const ConnectedFit& connected, int begin, int end)
+       const WindowFilter& filter, const ConnectedFit& connected, const EdgeSlopes* edge_slopes,
+       int begin, int end)
       : depth_(depth),
         radius_(options.radius_px),
         border_count_(kBorderFrac * std::pow(2 * options.discontinuity_radius_px + 1, 2)),
         prepared_(prepared),
         filter_(filter),
         connected_(connected),
+        edge_slopes_(edge_slopes),
         begin_(begin),
         end_(end),
         width_(static_cast<std::size_t>(prepared.is_missing.width_px())),
@@ -303,7 +306,22 @@ class Band {
       }
       fit_.is_near_discontinuity[i] =
           near_jumps_.around(col) > 0 || near_missing_.around(col) > border_count_;
+      if (edge_slopes_ != nullptr && (fit_.is_near_discontinuity[i] || broken_.around(col) > 0))
+        take_edge_slopes(row, col);
     }
+  }
+
+  void take_edge_slopes(int row, int col) {
+    const auto i = static_cast<std::size_t>(col);
+    const PointFit fit = edge_slopes_->at(row, col,
+                                          {.by_x = double{fit_.by_col[i]},
+                                           .by_y = double{fit_.by_row[i]},
+                                           .slope_gain = double{fit_.slope_gain[i]},
+                                           .is_valid = !std::isnan(fit_.by_col[i])});
+    if (!fit.is_valid) return;
+    fit_.by_col[i] = static_cast<float>(fit.by_x);
+    fit_.by_row[i] = static_cast<float>(fit.by_y);
+    fit_.slope_gain[i] = static_cast<float>(fit.slope_gain);
   }
 
   void store(const PointFit& fit, std::size_t i) {
@@ -323,6 +341,7 @@ class Band {
   const Prepared& prepared_;
   const WindowFilter& filter_;
   const ConnectedFit& connected_;
+  const EdgeSlopes* edge_slopes_;  // where windows are too small to bend; else nullptr
   int begin_, end_;
   std::size_t width_;
   BoxCount broken_, near_missing_, near_jumps_;
@@ -345,10 +364,13 @@ void fit_locally(const DepthMap& depth, const FitOptions& given,
   const Prepared prepared = prepare(depth, neighbours);
   const WindowFilter filter = is_coarse ? make_coarse_filter() : make_filter(options.radius_px);
   const ConnectedFit connected(neighbours, std::max(given.radius_px, 1));
+  // Of a window of 3 x 3 points that lost some a plane is left.
+  const EdgeSlopes edge_slopes(neighbours);
+  const bool is_small = given.radius_px <= 1;
   const int band_count = (height + kRowsPerBand - 1) / kRowsPerBand;
   oneapi::tbb::parallel_for(0, band_count, [&](int band) {
-    Band(depth, options, prepared, filter, connected, band * kRowsPerBand,
-         std::min((band + 1) * kRowsPerBand, height))
+    Band(depth, options, prepared, filter, connected, is_small ? &edge_slopes : nullptr,
+         band * kRowsPerBand, std::min((band + 1) * kRowsPerBand, height))
         .run(take);
   });
 }
