@@ -189,7 +189,7 @@ void MaterialEstimate::fit_by_likelihood(const StripeScene& scene) {
     const int band = fitter.radiometry().band;
     SiteFits fits = fitter.fit(valid_sites(camera(), band, geometry().validity), correction);
     add_common_noise(scene, fitter.radiometry(), fits);
-    refuse_chance_fits(camera(), fits);
+    judge_vague_fits(camera(), fits);
     untold_frac.push_back(untold_frac_of(fits));
     if (options.indirect == "auto") fixed_count += fix_indirect_where_earned(camera(), fits);
     BandFit maps =

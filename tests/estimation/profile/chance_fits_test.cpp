@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <vector>
 
 #include "estimation/session/maps.h"
 
@@ -34,6 +35,9 @@ struct Field {
     fits.fit.covariance[covariance_index(1, 1) * fits.fit.stride + static_cast<std::size_t>(site)] =
         sd * sd;
   }
+  float log_variance(std::size_t site) const {
+    return fits.fit.covariance[covariance_index(1, 1) * fits.fit.stride + site];
+  }
   std::ptrdiff_t valid_count() const {
     return std::count(fits.fit.validity.begin(), fits.fit.validity.begin() + kSide * kSide, 0U);
   }
@@ -41,20 +45,32 @@ struct Field {
 
 TEST(ChanceFits, FewAmongManyUntoldAreRefused) {
   Field field(4, 5, 0.25F);
-  EXPECT_EQ(refuse_chance_fits(field.camera, field.fits), 45U);
+  EXPECT_EQ(judge_vague_fits(field.camera, field.fits), 45U);
   EXPECT_EQ(field.valid_count(), 0);
 }
 
-TEST(ChanceFits, ManyAmongFewUntoldStay) {
-  Field field(1, 5, 0.4F);
-  EXPECT_EQ(refuse_chance_fits(field.camera, field.fits), 0U);
-  EXPECT_EQ(field.valid_count(), 180);
+TEST(ChanceFits, ManyAmongFewUntoldStayAsTheyAre) {
+  Field field(1, 8, 0.4F);
+  const std::vector<float> before = field.fits.fit.covariance;
+  EXPECT_EQ(judge_vague_fits(field.camera, field.fits), 0U);
+  EXPECT_EQ(field.valid_count(), 196);
+  EXPECT_EQ(field.fits.fit.covariance, before);
+}
+
+// Three quarters told: 1 + 4 (0.85 - 0.75).
+TEST(ChanceFits, InBetweenTheyStateLargerVariances) {
+  Field field(1, 4, 0.4F);
+  field.set_log_sd(1, 0.08F);  // known well: as it is
+  EXPECT_EQ(judge_vague_fits(field.camera, field.fits), 0U);
+  EXPECT_EQ(field.valid_count(), 168);
+  EXPECT_NEAR(field.log_variance(2), 1.4 * 0.16, 0.02);
+  EXPECT_FLOAT_EQ(field.log_variance(1), 0.08F * 0.08F);
 }
 
 TEST(ChanceFits, WhatIsKnownWellStaysAmongUntold) {
   Field field(4, 5, 0.25F);
   field.set_log_sd(4, 0.08F);
-  EXPECT_EQ(refuse_chance_fits(field.camera, field.fits), 44U);
+  EXPECT_EQ(judge_vague_fits(field.camera, field.fits), 44U);
   EXPECT_EQ(field.fits.fit.validity[4], 0U);
 }
 
@@ -62,7 +78,7 @@ TEST(ChanceFits, WhatIsKnownWellStaysAmongUntold) {
 TEST(ChanceFits, DarkNeighboursDoNotCount) {
   Field field(4, 5, 0.25F);
   std::replace(field.fits.fit.validity.begin(), field.fits.fit.validity.end(), kUntold, kDark);
-  EXPECT_EQ(refuse_chance_fits(field.camera, field.fits), 0U);
+  EXPECT_EQ(judge_vague_fits(field.camera, field.fits), 0U);
   EXPECT_EQ(field.valid_count(), 45);
 }
 
