@@ -185,8 +185,12 @@ Findings Ledger::check_latency(const Showing& showing) const {
 }
 
 Findings Ledger::edge_ignored(const rig::EdgeIgnored& edge) {
-  const Showing* const showing = under_exposure();
-  if (showing == nullptr || edge.time - showing->edge->time <= rules_.debounce) return {};
+  Showing* const showing = under_exposure();
+  if (showing == nullptr) return {};
+  if (edge.time - showing->edge->time <= rules_.debounce) {
+    showing->is_level_gone = edge.is_light != showing->edge->is_light;
+    return {};
+  }
   return {about(*showing, Incident::kEdgeDuringExposure,
                 "the light changed " + in_us(edge.time - showing->edge->time) + " after the edge")};
 }
@@ -206,7 +210,9 @@ Findings Ledger::pulse_ended(const rig::PulseEnded& pulse, rig::HostTime now) {
                      showing->flip.first_bracket + pulse.pulse_index, pulse.started, pulse.ended,
                      now + rules_.frame_deadline, Wait::kAwaited});
   ++showing->ended_pulse_count;
-  return {};
+  if (!std::exchange(showing->is_level_gone, false)) return {};
+  return {about(*showing, Incident::kEdgeDuringExposure,
+                "the light changed back right after the edge, and stayed so")};
 }
 
 Findings Ledger::frame_damaged(const rig::FrameDamaged& damaged) {

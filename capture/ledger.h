@@ -186,7 +186,8 @@ class Ledger {
     rig::HostTime due;  // of the edge, then of the last pulse's end
     std::optional<rig::HostTime> swapped;
     std::optional<rig::EdgeSeen> edge;
-    bool is_edge_lost = false;  // with the frame that would have told of it
+    bool is_edge_lost = false;   // with the frame that would have told of it
+    bool is_level_gone = false;  // a bounce of the edge that did not come back
     int ended_pulse_count = 0;
     bool is_spoiled = false;
   };

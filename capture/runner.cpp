@@ -12,11 +12,13 @@ namespace {
 
 // How often a failure of the consumer is looked for when nothing else happens.
 constexpr std::chrono::milliseconds kConsumerCheckPeriod{100};
-// Flips that teach the lag, where nothing else tells them.
-constexpr std::size_t kLessons = 4;
+// Flips that teach the lag, and must agree; and where nothing else tells our flips.
+constexpr int kLessons = 2, kSoleLessons = 4;
 
-int rounds_of(std::size_t bracket_count) {
-  return static_cast<int>((kLessons + bracket_count - 1) / bracket_count);
+int priming_rounds(const LedgerRules& rules) {
+  const int flips_a_round = static_cast<int>(rules.exposures.size()) / rules.brackets_per_showing();
+  const int lessons = rules.relies_on_swaps ? kSoleLessons : kLessons;
+  return (lessons + flips_a_round - 1) / flips_a_round;
 }
 
 bool relies_on_swaps(const Devices& devices, const LedgerRules& rules) {
@@ -62,8 +64,7 @@ class Runner {
   static SequenceRules as_devices_allow(SequenceRules rules, const Devices& devices) {
     if (devices.reopener == nullptr) rules.reopen_deadline = std::chrono::milliseconds(0);
     rules.ledger.relies_on_swaps = relies_on_swaps(devices, rules.ledger);
-    if (rules.ledger.relies_on_swaps && rules.ledger.is_lag_checked)
-      rules.ledger.priming_rounds = rounds_of(rules.ledger.exposures.size());
+    if (rules.ledger.is_lag_checked) rules.ledger.priming_rounds = priming_rounds(rules.ledger);
     return rules;
   }
 

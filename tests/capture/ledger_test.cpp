@@ -243,6 +243,29 @@ TEST_F(LedgerTest, BounceIsIgnoredButALaterChangeOfLightIsNot) {
   EXPECT_TRUE(kept_.empty()) << "a frame of a spoiled showing";
 }
 
+// The next picture's light came with this one's, which was late.
+TEST_F(LedgerTest, ABounceThatDoesNotComeBackIsNoBounce) {
+  for (const bool is_back : {true, false}) {
+    is_light_ = !is_light_;
+    ledger_.open_showing({1, 0, ++show_id_, is_light_, now_});
+    EXPECT_TRUE(ledger_.picture_shown({show_id_, now_}).empty());
+    EXPECT_TRUE(ledger_.edge_seen({++edge_number_, is_light_, now_}).empty());
+    EXPECT_TRUE(ledger_.edge_ignored({edge_number_, !is_light_, now_ + microseconds(5)}).empty());
+    if (is_back) {
+      EXPECT_TRUE(ledger_.edge_ignored({edge_number_, is_light_, now_ + microseconds(9)}).empty());
+    }
+    for (int bracket = 0; bracket < 2; ++bracket) {
+      const rig::HostTime start = now_;
+      now_ += milliseconds(10);
+      const Findings findings =
+          ledger_.pulse_ended({edge_number_, bracket, ++pulse_number_, start, now_}, now_);
+      ASSERT_EQ(findings.size(), is_back || bracket == 1 ? 0U : 1U);
+      if (findings.empty()) continue;
+      EXPECT_EQ(findings[0].incident, Incident::kEdgeDuringExposure);
+    }
+  }
+}
+
 TEST_F(LedgerTest, RetakeFillsOnlyWhatIsOpen) {
   EXPECT_EQ(incident_of_frame(frames_[0]), std::nullopt);
   showing(0);
