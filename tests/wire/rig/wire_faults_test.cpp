@@ -34,6 +34,18 @@ class WireFaults : public testing::Test {
     EXPECT_EQ(session.state, "failed") << output();
     EXPECT_THAT(session.wrong_frames, IsEmpty()) << output();
   }
+  // A busy machine's display does not keep time, and then nothing may be called complete where only
+  // the display tells what was shown.
+  void expect_right_unless_display_is_late(int code) const {
+    const bool is_late = output().find("not synchronised: swaps") != std::string::npos ||
+                         output().find("picture late after") != std::string::npos;
+    if (is_late) {
+      EXPECT_NE(code, kDone) << output();
+      return expect_failed_and_nothing_wrong();
+    }
+    EXPECT_EQ(code, kDone) << output();
+    expect_complete_and_right();
+  }
   fs::path only_session() const {
     const auto found = wire_.sessions();
     EXPECT_EQ(found.size(), 1U) << output();
@@ -83,16 +95,15 @@ TEST_F(WireFaults, CameraLineNeedsNoTriggerBox) {
 // Then only a display that keeps time tells a stray trigger from a flip.
 TEST_F(WireFaults, CameraLineWithoutItsLevelNeedsThePunctualDisplay) {
   wire_.set_mode({.sync = "camera_line", .has_line_status = false});
-  EXPECT_EQ(capture("faults = [{fault = \"trigger_doubled\", slot = 43}]\n"), kDone) << output();
+  const int code = capture("faults = [{fault = \"trigger_doubled\", slot = 43}]\n");
   EXPECT_NE(output().find("chunk LineStatusAll"), std::string::npos) << output();
-  expect_complete_and_right();
+  expect_right_unless_display_is_late(code);
 }
 
 // No photodiode: the program measures how late it has to trigger, then does.
 TEST_F(WireFaults, SoftwareTriggerNeedsNoPhotodiode) {
   wire_.set_mode({.sync = "software"});
-  EXPECT_EQ(capture(""), kDone) << output();
-  expect_complete_and_right();
+  expect_right_unless_display_is_late(capture(""));
 }
 
 TEST_F(WireFaults, PacedIsRightToo) {
