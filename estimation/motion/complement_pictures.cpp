@@ -25,7 +25,10 @@ constexpr double kFewestFrac = 0.005;    // of the places
 constexpr double kFewestQuietFrac = 0.1;
 constexpr double kMostQuiet = 0.3;  // of the share: what places that cannot change may show
 constexpr double kLeastWhole = 0.85, kMostWhole = 1.15;
+// From here on a mixture is no longer told from a pair that moved by a whole stretch of light.
+constexpr double kSurelyWhole = 0.93;
 constexpr double kMostUnexplained = 0.1;  // of the surplus' square
+constexpr double kLeastExplained = 0.4;   // of a surplus' square, less what all pairs have
 constexpr double kAlike = 0.25;           // two shares that are the same
 constexpr double kTie = 0.9;              // of what the best explains: cannot be told from it
 constexpr std::size_t kMostSums = 5;
@@ -79,6 +82,7 @@ Sums sum_up(const Light& surplus, const Light& change, const Light& light, float
 struct Share {
   double frac = 0;       // by places that would be brighter and darker alike
   double explained = 0;  // of the surplus' square
+  double surplus_square = 0;
   bool is_visible = false;
 };
 
@@ -93,7 +97,7 @@ Share share_of(const Light& surplus, const Light& change, const Light& light) {
   const Sums sums = sum_up(surplus, change, light, static_cast<float>(0.5 * contrast));
   const double product = sums.more_product + sums.less_product;
   const double all_square = sums.more_square + sums.less_square;
-  Share share{0, 0, true};
+  Share share{0, 0, sums.surplus_square, true};
   if (!(all_square > 0)) return share;
   const double frac = product / all_square;
   const double sd = std::sqrt(std::max(sums.surplus_square - frac * frac * all_square, 0.0) /
@@ -125,12 +129,12 @@ class ComplementCheck {
         pairs_(std::move(pairs)),
         speed_px_per_s_(speed_px_per_s),
         frames_(frames_of(pairs_)),
-        table_(table_of(camera, pictures, frames_)) {}
+        table_(make_table(camera, pictures, frames_)) {}
 
   GroupCheck run() && {
     if (table_.places.size() < kFewestPlaces) {
       for (const std::size_t frame : frames_)
-        check_.unchecked.emplace_back(frame, "too little is lit");
+        check_.unchecked.emplace_back(frame, "too little is lit, or too much of it clipped");
       return std::move(check_);
     }
     is_clean_.assign(pairs_.size(), true);
@@ -144,21 +148,14 @@ class ComplementCheck {
  private:
   struct Suspicion {
     GroupFinding finding;
-    double explained = 0;
+    double explained = 0, surplus_square = 0;
   };
   struct Judgement {
+    double surplus_square = 0;  // of the pair
     std::vector<Suspicion> suspicions;
     std::vector<std::pair<std::size_t, std::string>> blind;
   };
 
-  // Where light is always clipped, light and dark still add up to one and the same.
-  static LitTable table_of(const CameraInfo& camera, const BracketPictures& pictures,
-                           const std::vector<std::size_t>& frames) {
-    LitTable table = make_table(camera, pictures, frames, Clipped::kLeftOut);
-    return table.places.size() >= kFewestPlaces
-               ? table
-               : make_table(camera, pictures, frames, Clipped::kKept);
-  }
   static std::vector<std::size_t> frames_of(const std::vector<Complement>& pairs) {
     std::vector<std::size_t> frames;
     for (const Complement& pair : pairs) frames.insert(frames.end(), {pair.first, pair.second});
@@ -233,6 +230,8 @@ class ComplementCheck {
     expected.surplus.resize(first.size());
     for (std::size_t i = 0; i < first.size(); ++i)
       expected.surplus[i] = first[i] + second[i] - expected.sum[i];
+    for (const float surplus : expected.surplus)
+      judgement.surplus_square += static_cast<double>(surplus * surplus);
     for (const bool is_second : {false, true}) {
       const Light& partner = is_second ? first : second;
       expected.light_dn.resize(partner.size());
@@ -262,7 +261,8 @@ class ComplementCheck {
     }
     const auto suspect = [&](const Share& share, std::optional<int> seen_pattern) {
       if (share.frac > limit)
-        judgement.suspicions.push_back({{frame, share.frac, seen_pattern, {}}, share.explained});
+        judgement.suspicions.push_back(
+            {{frame, share.frac, seen_pattern, {}}, share.explained, share.surplus_square});
     };
     for (const int direction : {-1, 1}) {
       if ((direction < 0 && frame == 0) || (direction > 0 && frame + 1 == pictures_.shown.size()))
@@ -283,7 +283,7 @@ class ComplementCheck {
   // true mixture the other way round is none, or more than all of it.
   bool is_motion(std::size_t pair, bool is_second, const Expected& expected,
                  const Share& share) const {
-    if (share.frac >= kLeastWhole) return false;
+    if (share.frac >= kSurelyWhole) return false;
     Expected other_way = expected;
     other_way.light_dn.resize(expected.sum.size());
     const Light& own = light_of(pair, is_second);
@@ -295,10 +295,15 @@ class ComplementCheck {
 
   // Of all pairs; it no longer tells of others, which are judged anew where it did. False: none.
   bool find_worst() {
+    std::vector<double> squares;
+    for (std::size_t pair = 0; pair < pairs_.size(); ++pair)
+      if (is_clean_[pair]) squares.push_back(judgements_[pair].surplus_square);
+    const double usual = median_of(std::move(squares));
     std::size_t worst = pairs_.size();
     const Suspicion* suspicion = nullptr;
     for (std::size_t pair = 0; pair < pairs_.size(); ++pair) {
       for (const Suspicion& each : judgements_[pair].suspicions) {
+        if (each.explained < kLeastExplained * (each.surplus_square - usual)) continue;
         if (suspicion != nullptr && each.explained <= suspicion->explained) continue;
         suspicion = &each;
         worst = pair;

@@ -14,7 +14,7 @@
 namespace estimation {
 namespace {
 
-constexpr std::size_t kFewestShifts = 5, kFewestPairs = 2;
+constexpr std::size_t kFewestShifts = 16, kFewestPairs = 2;
 
 // By bracket, and in each by the time of showing.
 std::vector<BracketPictures> by_bracket(const std::vector<Pattern>& patterns,

@@ -13,7 +13,7 @@ double clip_limit_dn(const CameraInfo& camera) {
 }  // namespace
 
 LitTable make_table(const CameraInfo& camera, const BracketPictures& pictures,
-                    const std::vector<std::size_t>& frames, Clipped clipped) {
+                    const std::vector<std::size_t>& frames) {
   const std::size_t place_count = pictures.shown[frames.front()].picture->samples_dn.size();
   const double limit_dn = clip_limit_dn(camera);
   std::vector<std::uint16_t> highest(place_count);
@@ -28,7 +28,7 @@ LitTable make_table(const CameraInfo& camera, const BracketPictures& pictures,
   const double black_dn = camera.black_level_dn.value_or(0);
   std::vector<std::pair<double, std::size_t>> usable;  // mean light, place
   for (std::size_t i = 0; i < place_count; ++i)
-    if (highest[i] < limit_dn || clipped == Clipped::kKept)
+    if (highest[i] < limit_dn)
       usable.emplace_back(sums[i] / static_cast<double>(frames.size()) - black_dn, i);
   LitTable table;
   if (!usable.empty()) {

@@ -22,8 +22,7 @@ struct BracketPictures {
   std::vector<Entry> shown;
 };
 
-enum class Clipped { kLeftOut, kKept };
-// Places that are lit, and those that a frame clips left out or kept at the limit, as
+// Places that are lit and clipped in no frame, as
 // [frame][place] DN above black.
 struct LitTable {
   std::vector<std::size_t> places;
@@ -33,7 +32,7 @@ constexpr std::size_t kFewestPlaces = 200;
 
 // `frames` are positions in BracketPictures::shown.
 LitTable make_table(const CameraInfo& camera, const BracketPictures& pictures,
-                    const std::vector<std::size_t>& frames, Clipped clipped);
+                    const std::vector<std::size_t>& frames);
 
 // [place of `table`] of any frame, DN above black; where it is clipped, the limit.
 std::vector<float> light_at(const CameraInfo& camera, const LitTable& table,
@@ -60,7 +59,7 @@ constexpr double kWrongFrac = 0.2;
 // Standard deviations that a finding must have.
 constexpr double kSureOfPicture = 8;
 
-// Stripes or fringes of one axis, period and width, of five shifts or more.
+// Stripes or fringes of one axis, period and width, of 16 shifts or more.
 struct ShiftSeries {
   std::vector<std::size_t> frames;  // in the order of their showing
   std::vector<double> phases_rad;   // 2 pi shift / period

@@ -19,6 +19,7 @@ namespace {
 
 using Complex = std::complex<double>;
 
+constexpr int kHarmonics = 3;
 constexpr double kLeastModulation = 0.8;  // of the neighbours': less, and a fifth is no stripes
 // Standard deviations from which on a frame is looked at without its own say.
 constexpr double kSuspect = 3;
@@ -27,18 +28,13 @@ constexpr double kForeign = 0.35;
 // Of a deviation's square: unexplained by the picture that it is put down to.
 constexpr double kMostUnexplained = 0.25;
 
-int harmonic_count(std::size_t frame_count) {
-  if (frame_count >= 16) return 3;
-  return frame_count >= 8 ? 2 : 1;
-}
-
 // Fits light = sum of harmonics at each place, by least squares over the frames.
 class HarmonicFit {
  public:
   // Of all frames but `without`.
   HarmonicFit(const std::vector<double>& phases_rad, std::optional<std::size_t> without)
       : frame_count_(static_cast<int>(phases_rad.size())),
-        term_count_(2 * harmonic_count(phases_rad.size()) + 1),
+        term_count_(2 * kHarmonics + 1),
         design_(frame_count_, term_count_) {
     for (int n = 0; n < frame_count_; ++n) {
       design_(n, 0) = 1;
@@ -170,10 +166,12 @@ std::vector<Complex> expectations(const Course& course, std::size_t n) {
   if (n + 1 < count) add(course.phase_rad[n + 1], course.modulation[n + 1]);
   if (n >= 2) along(n - 1, n - 2);
   if (n + 2 < count) along(n + 1, n + 2);
+  const auto before = middle(n >= kReach ? n - kReach : 0, n);
+  const auto after = middle(n + 1, std::min(count, n + 1 + kReach));
+  if (n >= 1) add(before.first, before.second);
+  if (n + 1 < count) add(after.first, after.second);
   if (n >= 1 && n + 1 < count) {
     along(n - 1, n + 1);
-    const auto before = middle(n >= kReach ? n - kReach : 0, n);
-    const auto after = middle(n + 1, std::min(count, n + 1 + kReach));
     add((before.first + after.first) / 2, (before.second + after.second) / 2);
   }
   return all;
@@ -223,9 +221,7 @@ struct Deviations {
 class ShiftCheck {
  public:
   ShiftCheck(const CameraInfo& camera, const BracketPictures& pictures, const ShiftSeries& series)
-      : pictures_(pictures),
-        table_(make_table(camera, pictures, series.frames, Clipped::kLeftOut)),
-        series_(series) {
+      : pictures_(pictures), table_(make_table(camera, pictures, series.frames)), series_(series) {
     for (std::size_t n = 0; n < series.frames.size(); ++n)
       phases_rad_[pictures.shown[series.frames[n]].picture->pattern] = series.phases_rad[n];
   }
@@ -252,7 +248,7 @@ class ShiftCheck {
   // Judges the frames that are furthest off, each by a fit of all others; one that is wrong leaves
   // the series. False: all are right.
   bool find_worst() {
-    constexpr std::size_t kFewest = 5, kMostSuspects = 4;
+    constexpr std::size_t kFewest = 2 * (2 * kHarmonics), kMostSuspects = 4;
     const auto all = series_.frames.size() < kFewest ? std::nullopt : measure(std::nullopt);
     if (!all) {
       check_ = refuse("too few other shifts tell what it should look like");

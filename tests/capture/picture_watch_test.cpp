@@ -1,0 +1,210 @@
+// Whole captures in which a wrong picture comes with flawless evidence by time: the square flips,
+// the edge comes, the frame has its number, but the display shows what it showed before.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "capture/capture_job.h"
+#include "capture/stored_pictures.h"
+#include "estimation/session/verify.h"
+#include "tests/capture/striped_world.h"
+
+namespace capture {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+// Under some pictures, by their place in the order of showing (0 is the priming), a share of the
+// light is that of the picture before; for so many showings of the picture.
+struct Stale {
+  std::set<int> showings;
+  double share_frac = 1;
+  int times = 1;
+};
+
+class StaleWorld final : public hw_sim::World {
+ public:
+  explicit StaleWorld(Stale stale) : stale_(std::move(stale)) {}
+  int width_px() const override { return world_.width_px(); }
+  int height_px() const override { return world_.height_px(); }
+  int channel_count() const override { return 1; }
+  void expose(const hw_sim::Exposure& exposure,
+              estimation::ImageView<std::uint16_t> frame_dn) const override {
+    world_.expose(as_shown(exposure), frame_dn);
+  }
+
+ private:
+  hw_sim::Exposure as_shown(hw_sim::Exposure exposure) const {
+    const std::lock_guard lock(mutex_);
+    const auto asked = exposure.light.back().picture;
+    if (asked != shown_) {
+      before_ = std::exchange(shown_, asked);
+      ++showing_;
+      if (stale_.showings.contains(showing_)) bad_.push_back({asked->brightness, 0});
+      is_stale_ = false;
+      for (Bad& bad : bad_) {
+        if (!std::ranges::equal(bad.brightness.samples(), asked->brightness.samples())) continue;
+        is_stale_ = bad.count++ < stale_.times;
+      }
+    }
+    if (!is_stale_ || !before_) return exposure;
+    std::vector<hw_sim::LightSegment> light;
+    for (hw_sim::LightSegment segment : exposure.light) {
+      const std::chrono::nanoseconds whole = segment.duration;
+      segment.duration =
+          std::chrono::duration_cast<std::chrono::nanoseconds>(whole * stale_.share_frac);
+      segment.picture = before_;
+      light.push_back(segment);
+      segment.duration = whole - segment.duration;
+      segment.picture = asked;
+      light.push_back(segment);
+    }
+    exposure.light = light;
+    return exposure;
+  }
+
+  struct Bad {
+    estimation::Image<unsigned char> brightness;
+    int count = 0;
+  };
+  const StripedWorld world_;
+  const Stale stale_;
+  mutable std::mutex mutex_;
+  mutable std::shared_ptr<const hw_sim::Picture> shown_,
+      before_;  // guarded by mutex_, as all below
+  mutable std::vector<Bad> bad_;
+  mutable int showing_ = -1;
+  mutable bool is_stale_ = false;
+};
+
+class PictureCapture : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (fs::temp_directory_path() / "ssrig_pictures_XXXXXX").string();
+    ASSERT_NE(::mkdtemp(name.data()), nullptr);
+    root_ = name;
+    rig_file_ = striped_rig_file(root_);
+    rig_file_.sequence.is_shuffled = true;
+  }
+  void TearDown() override { fs::remove_all(root_); }
+
+  CaptureResult capture(const Stale& stale, const fs::path& resume = {}) {
+    CaptureOptions options;
+    options.directory = rig_file_.storage.directory;
+    options.created = std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
+    options.estimator.thread_count = 2;
+    options.estimator.is_geometry_only = true;  // the maps are not what is looked at
+    options.resume = resume;
+    const auto job = CaptureJob::prepare(rig_file_, options);
+    if (!job) return job.error();
+    const StaleWorld world(stale);
+    hw_sim::InProcessRig rig(world, in_process(rig_file_));
+    return job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
+  }
+  // Showing 1 is the first of the order; a repeat comes after every 22.
+  int pattern_at(int showing) const {
+    const auto plan = make_plan("paper", rig_file_.projector, rig_file_.sequence);
+    const int repeats_before = (showing - 1) / (rig_file_.sequence.repeat_every + 1);
+    return plan->order[static_cast<std::size_t>(showing - 1 - repeats_before)];
+  }
+  static int set_aside_count(const CaptureResult& result) {
+    int count = 0;
+    for (const auto& file : fs::directory_iterator(result.session / "frames"))
+      count += file.path().string().find(".wrong_picture") != std::string::npos ? 1 : 0;
+    return count;
+  }
+  static std::string text_of(const fs::path& path) {
+    std::ifstream file(path);
+    return {std::istreambuf_iterator<char>(file), {}};
+  }
+  static std::set<int> retaken_patterns(const CaptureResult& result) {
+    const auto motion =
+        nlohmann::json::parse(text_of(result.session / "report/motion.json"), nullptr, false);
+    std::set<int> patterns;
+    for (const auto& each : motion["pictures"]["retaken"])
+      patterns.insert(each["pattern"].get<int>());
+    return patterns;
+  }
+
+  fs::path root_;
+  rig::RigFile rig_file_;
+};
+
+TEST_F(PictureCapture, AStalePictureIsTakenAgainAndItsFilesAreKeptAside) {
+  // The first, one of the sweep, the first of the code, and a complement.
+  const std::set<int> showings{1, 9, 42, 50};
+  const CaptureResult result = capture({.showings = showings});
+  EXPECT_EQ(result.state, estimation::SessionState::kComplete) << result.message;
+  EXPECT_THAT(result.message, HasSubstr("160 of 160 slots filled"));
+  EXPECT_THAT(result.message, HasSubstr("again because the first did not show its pattern"));
+  const std::set<int> retaken = retaken_patterns(result);
+  for (const int showing : showings)
+    EXPECT_TRUE(retaken.contains(pattern_at(showing))) << "showing " << showing;
+  EXPECT_LE(retaken.size(), showings.size() + 1) << "a complement";
+  EXPECT_EQ(set_aside_count(result), static_cast<int>(2 * retaken.size()));
+  const std::string journal = text_of(result.session / "journal.jsonl");
+  EXPECT_THAT(journal, HasSubstr("\"event\":\"frame set aside\""));
+  EXPECT_THAT(journal, HasSubstr("\"event\":\"pictures checked\""));
+  const auto verified = estimation::verify_session(result.session);
+  ASSERT_TRUE(verified);
+  EXPECT_TRUE(verified->problems.empty());
+  EXPECT_EQ(verified->frame_count, 160);
+  const auto stored = check_stored_pictures(result.session);
+  ASSERT_TRUE(stored);
+  EXPECT_THAT(stored->wrong, IsEmpty()) << stored->text();
+}
+
+TEST_F(PictureCapture, AnExposureThatStraddledTheSwapIsTakenAgain) {
+  const CaptureResult result = capture({.showings = {14, 47}, .share_frac = 0.4});
+  EXPECT_EQ(result.state, estimation::SessionState::kComplete) << result.message;
+  const std::set<int> retaken = retaken_patterns(result);
+  EXPECT_EQ(retaken, (std::set<int>{pattern_at(14), pattern_at(47)}));
+}
+
+TEST_F(PictureCapture, APictureThatIsNeverShownFailsTheCaptureWhichAnotherTimeFinishes) {
+  const CaptureResult failed = capture({.showings = {9}, .times = 1000});
+  EXPECT_EQ(failed.state, estimation::SessionState::kFailed);
+  EXPECT_EQ(failed.exit_code, ExitCode::kIncomplete);
+  EXPECT_THAT(failed.message, HasSubstr("frames of pattern " + std::to_string(pattern_at(9)) +
+                                        " do not show their pictures"));
+  const auto manifest = estimation::read_manifest(failed.session);
+  ASSERT_TRUE(manifest);
+  ASSERT_TRUE(manifest->failure);
+  EXPECT_EQ(manifest->failure->code, "wrong picture");
+  EXPECT_EQ(manifest->failure->slots.size(), 2U);
+  const int aside_count = set_aside_count(failed);
+  EXPECT_EQ(aside_count, 2 * rig_file_.sequence.retake_limit);
+  const CaptureResult finished = capture({}, failed.session);
+  EXPECT_EQ(finished.state, estimation::SessionState::kComplete) << finished.message;
+  EXPECT_EQ(set_aside_count(finished), aside_count + 2) << "nothing is lost or overwritten";
+  const auto stored = check_stored_pictures(finished.session);
+  ASSERT_TRUE(stored);
+  EXPECT_THAT(stored->wrong, IsEmpty()) << stored->text();
+}
+
+TEST_F(PictureCapture, FilesThatChangedPlacesAreFoundInTheSession) {
+  const CaptureResult result = capture({});
+  ASSERT_EQ(result.state, estimation::SessionState::kComplete) << result.message;
+  EXPECT_EQ(set_aside_count(result), 0);
+  const auto manifest = estimation::read_manifest(result.session);
+  ASSERT_TRUE(manifest);
+  fs::copy_file(result.session / manifest->frames[16].file,
+                result.session / manifest->frames[30].file, fs::copy_options::overwrite_existing);
+  const auto stored = check_stored_pictures(result.session);
+  ASSERT_TRUE(stored);
+  ASSERT_EQ(stored->wrong.size(), 1U) << stored->text();
+  EXPECT_EQ(stored->wrong[0].pattern, 15);
+  EXPECT_EQ(name_patterns(*stored), "pattern 15");
+}
+
+}  // namespace
+}  // namespace capture

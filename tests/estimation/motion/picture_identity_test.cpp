@@ -1,0 +1,284 @@
+// Frames of a synthetic scene that show their patterns, or do not, under all that may befall a
+// capture besides.
+#include "estimation/motion/picture_identity.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <random>
+#include <string>
+#include <vector>
+
+namespace estimation {
+namespace {
+
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+constexpr int kAcross = 90, kDown = 70, kProjectorPx = 256;
+
+// What a capture is taken under; times are by showing, 66.7 ms apart.
+struct Scene {
+  std::function<double(double)> shift_px = [](double) { return 0.0; };  // of the light, by seconds
+  std::function<double(double)> light = [](double) { return 1.0; };
+  std::function<double(double)> ambient_frac = [](double) { return 0.0; };
+  // Of the scene's top sixth, as an eye that opens.
+  std::function<double(double)> top_light = [](double) { return 1.0; };
+  double dn_per_white = 1500;
+  double lit_across_frac = 1;  // of the frame's width
+};
+
+CameraInfo make_camera() {
+  CameraInfo camera;
+  camera.width_px = kAcross;
+  camera.height_px = kDown;
+  camera.pixel_format = {ColorFilter::kMono, 12};
+  camera.black_level_dn = 64;
+  camera.saturation_level_dn = 4000;
+  return camera;
+}
+
+// A pattern's brightness at a projector coordinate, blurred by 1 px.
+double blurred(const PatternKind& kind, double u, double v) {
+  double sum = 0, weights = 0;
+  for (int k = -3; k <= 3; ++k) {
+    const double col = std::round(u) + k, row = std::round(v) + k;
+    const double across = col - u, along = row - v;
+    const bool is_row =
+        (std::holds_alternative<GrayCode>(kind) && std::get<GrayCode>(kind).axis == Axis::kRow) ||
+        (std::holds_alternative<Stripes>(kind) && std::get<Stripes>(kind).axis == Axis::kRow);
+    const double distance = is_row ? along : across;
+    const double weight = std::exp(-0.5 * distance * distance);
+    const int at_row = std::clamp(static_cast<int>(row), 0, kProjectorPx - 1);
+    const int at_col = std::clamp(static_cast<int>(col), 0, kProjectorPx - 1);
+    sum += weight * brightness(kind, at_row, at_col);
+    weights += weight;
+  }
+  return sum / weights;
+}
+
+// Gray code of 256 px and its inverse, fine stripes, the sweep: as the paper's plan, smaller.
+std::vector<Pattern> plan_of(const std::vector<PatternKind>& kinds) {
+  std::vector<Pattern> patterns;
+  for (const PatternKind& kind : kinds)
+    patterns.push_back({static_cast<int>(patterns.size()), kind});
+  return patterns;
+}
+
+std::vector<PatternKind> sweep(int step_px) {
+  std::vector<PatternKind> kinds;
+  for (int shift = 0; shift < 40; shift += step_px)
+    kinds.emplace_back(Stripes{Axis::kColumn, 40, 8, shift});
+  return kinds;
+}
+
+std::vector<PatternKind> codes(bool has_inverse) {
+  std::vector<PatternKind> kinds;
+  for (const Axis axis : {Axis::kColumn, Axis::kRow}) {
+    for (int bit = 7; bit >= 0; --bit) {
+      kinds.emplace_back(GrayCode{axis, bit, false});
+      if (has_inverse) kinds.emplace_back(GrayCode{axis, bit, true});
+    }
+    for (int shift = 0; shift < 16; shift += 4) kinds.emplace_back(Stripes{axis, 16, 8, shift});
+  }
+  return kinds;
+}
+
+std::vector<Pattern> whole_plan() {
+  std::vector<PatternKind> kinds = sweep(1);
+  const auto rest = codes(true);
+  kinds.insert(kinds.end(), rest.begin(), rest.end());
+  return plan_of(kinds);
+}
+
+std::vector<SeenPicture> capture(const std::vector<Pattern>& patterns, const Scene& scene,
+                                 std::uint64_t seed) {
+  std::mt19937_64 random(seed);
+  std::vector<std::size_t> order(patterns.size());
+  for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
+  // The sweep in another order, as captures have it.
+  const std::size_t sweep_count = std::min<std::size_t>(order.size(), 40);
+  for (std::size_t i = sweep_count; i > 1; --i) std::swap(order[i - 1], order[random() % i]);
+  std::vector<SeenPicture> pictures;
+  for (std::size_t place = 0; place < order.size(); ++place) {
+    const Pattern& pattern = patterns[order[place]];
+    const double at_s = static_cast<double>(place) / 15;
+    SeenPicture picture{pattern.index, 0, at_s, true, {}};
+    for (int row = 0; row < kDown; ++row) {
+      for (int col = 0; col < kAcross; ++col) {
+        const double u = 1.9 * col + 0.2 * row + 20 - scene.shift_px(at_s), v = 2.5 * row + 30;
+        const double albedo = (0.6 + 0.2 * std::sin(0.7 * col) * std::cos(0.9 * row)) *
+                              (row < kDown / 6 ? scene.top_light(at_s) : 1) *
+                              (col < scene.lit_across_frac * kAcross ? 1 : 0.002);
+        const double dn =
+            scene.dn_per_white * albedo *
+            (scene.light(at_s) * (0.02 + blurred(pattern.kind, u, v)) +
+             scene.ambient_frac(at_s) * (1 + 0.6 * static_cast<double>(col) / kAcross));
+        double sum = -6;  // of twelve uniform numbers: nearly normal
+        for (int i = 0; i < 12; ++i) sum += static_cast<double>(random() >> 11U) * 0x1.0p-53;
+        const double noisy = 64 + dn + sum * std::sqrt(dn / 5 + 4);
+        picture.samples_dn.push_back(static_cast<std::uint16_t>(std::clamp(noisy, 0.0, 4095.0)));
+      }
+    }
+    pictures.push_back(std::move(picture));
+  }
+  return pictures;
+}
+
+// `share_frac` of the picture before it; of the first, of black.
+void make_stale(std::vector<SeenPicture>& pictures, std::size_t place, double share_frac) {
+  auto& samples = pictures[place].samples_dn;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const double before = place == 0 ? 64 : pictures[place - 1].samples_dn[i];
+    samples[i] = static_cast<std::uint16_t>(
+        std::lround((1 - share_frac) * samples[i] + share_frac * before));
+  }
+}
+
+PictureCheck check(const std::vector<Pattern>& patterns, const std::vector<SeenPicture>& pictures) {
+  return check_pictures(make_camera(), patterns, pictures);
+}
+
+TEST(PictureIdentity, StaleAndMixedFramesAreFoundInEverySlot) {
+  const auto patterns = whole_plan();
+  const auto right = capture(patterns, {}, 1);
+  for (const double share_frac : {1.0, 0.3}) {
+    for (std::size_t place = 0; place < right.size(); ++place) {
+      SCOPED_TRACE(std::to_string(share_frac) + " of the picture before, pattern " +
+                   std::to_string(right[place].pattern));
+      auto pictures = right;
+      make_stale(pictures, place, share_frac);
+      const PictureCheck found = check(patterns, pictures);
+      // Two complements that show the same may be told from neither side: both are named.
+      ASSERT_FALSE(found.wrong.empty());
+      EXPECT_LE(found.wrong.size(), 2U);
+      EXPECT_TRUE(std::any_of(found.wrong.begin(), found.wrong.end(), [&](const auto& wrong) {
+        return wrong.pattern == right[place].pattern;
+      })) << found.text();
+      if (found.wrong.size() == 2) {
+        EXPECT_EQ(found.wrong[0].or_pattern, found.wrong[1].pattern);
+        EXPECT_EQ(found.wrong[1].or_pattern, found.wrong[0].pattern);
+      }
+    }
+  }
+}
+
+TEST(PictureIdentity, WhatBefallsARightCaptureRaisesNothing) {
+  const auto at = [](double from_s, double to_s, double value, double else_value) {
+    return [=](double s) { return s >= from_s && s < to_s ? value : else_value; };
+  };
+  struct Case {
+    std::string name;
+    Scene scene;
+  };
+  std::vector<Case> cases(12);
+  cases[0].name = "still";
+  cases[1] = {"drifts", {.shift_px = [](double s) { return 0.4 * s; }}};
+  cases[2] = {"breathes", {.shift_px = [](double s) { return 1.5 * std::sin(1.6 * s); }}};
+  cases[3] = {"starts", {.shift_px = at(1.2, 100, 3, 0)}};
+  cases[4] = {"starts under the code", {.shift_px = at(3.5, 100, 1, 0)}};
+  cases[5] = {"blinks", {.top_light = at(1.0, 1.2, 1.4, 1)}};
+  cases[6] = {"blinks under the code", {.top_light = at(3.5, 3.6, 1.4, 1)}};
+  cases[7] = {"flash", {.ambient_frac = at(1.0, 1.06, 0.8, 0)}};
+  cases[8] = {"flash under the code", {.ambient_frac = at(3.53, 3.6, 0.8, 0)}};
+  cases[9] = {"lamp and room change",
+              {.light = [](double s) { return 1 - 0.03 * s; },
+               .ambient_frac = [](double s) { return 0.05 * s; }}};
+  cases[10] = {"low light", {.dn_per_white = 30}};
+  cases[11] = {"small", {.lit_across_frac = 0.08}};
+  const auto patterns = whole_plan();
+  for (const Case& each : cases) {
+    SCOPED_TRACE(each.name);
+    const PictureCheck found = check(patterns, capture(patterns, each.scene, 2));
+    EXPECT_THAT(found.wrong, IsEmpty()) << found.text();
+    EXPECT_EQ(found.checked_count + static_cast<int>(found.unchecked.size()), 80);
+  }
+}
+
+TEST(PictureIdentity, ClippedLightIsNotJudged) {
+  const auto patterns = whole_plan();
+  const PictureCheck found = check(patterns, capture(patterns, {.dn_per_white = 30000}, 4));
+  EXPECT_THAT(found.wrong, IsEmpty()) << found.text();
+  EXPECT_EQ(found.unchecked.size(), 80U);
+  EXPECT_THAT(found.unchecked.front().why, HasSubstr("clipped"));
+}
+
+TEST(PictureIdentity, SeveralWrongFramesAreAllNamed) {
+  const auto patterns = whole_plan();
+  auto pictures = capture(patterns, {}, 5);
+  const std::vector<std::size_t> places{7, 21, 39, 44, 70};
+  for (auto place = places.rbegin(); place != places.rend(); ++place)
+    make_stale(pictures, *place, 1);
+  const PictureCheck found = check(patterns, pictures);
+  for (const std::size_t place : places)
+    EXPECT_TRUE(
+        std::any_of(found.wrong.begin(), found.wrong.end(),
+                    [&](const auto& wrong) { return wrong.pattern == pictures[place].pattern; }))
+        << pictures[place].pattern << " in " << found.text();
+  EXPECT_LE(found.wrong.size(), places.size() + 2) << "a complement each";
+}
+
+TEST(PictureIdentity, ASwapFarAwayInTheSweepIsFound) {
+  const auto patterns = whole_plan();
+  auto pictures = capture(patterns, {}, 6);
+  std::swap(pictures[3].samples_dn, pictures[30].samples_dn);
+  EXPECT_EQ(check(patterns, pictures).wrong.size(), 2U);
+}
+
+TEST(PictureIdentity, FewerShiftsAreCheckedToo) {
+  const auto patterns = plan_of(sweep(2));
+  const auto right = capture(patterns, {}, 7);
+  EXPECT_THAT(check(patterns, right).wrong, IsEmpty());
+  for (std::size_t place = 0; place < right.size(); ++place) {
+    auto pictures = right;
+    make_stale(pictures, place, 1);
+    EXPECT_FALSE(check(patterns, pictures).wrong.empty()) << place;
+  }
+  const auto few = plan_of(sweep(4));
+  EXPECT_EQ(check(few, capture(few, {}, 7)).unchecked.size(), 10U);
+}
+
+TEST(PictureIdentity, SaysWhatItCannotCheck) {
+  std::vector<PatternKind> kinds = codes(false);
+  kinds.emplace_back(Stripes{Axis::kColumn, 40, 8, 0});
+  kinds.emplace_back(Stripes{Axis::kColumn, 40, 8, 13});
+  kinds.emplace_back(Stripes{Axis::kColumn, 40, 8, 27});
+  const auto patterns = plan_of(kinds);
+  const PictureCheck found = check(patterns, capture(patterns, {}, 8));
+  EXPECT_THAT(found.wrong, IsEmpty());
+  EXPECT_EQ(found.unchecked.size(), 16U + 3U) << "the fine stripes have their complements";
+  EXPECT_EQ(found.checked_count, 8);
+  EXPECT_THAT(found.text(), HasSubstr("19 could not be checked"));
+}
+
+TEST(PictureIdentity, WhiteAndBlackBelongToThePairs) {
+  std::vector<PatternKind> kinds{White{}, Black{}};
+  const auto rest = codes(true);
+  kinds.insert(kinds.end(), rest.begin(), rest.end());
+  const auto patterns = plan_of(kinds);
+  auto pictures = capture(patterns, {}, 9);
+  const PictureCheck right = check(patterns, pictures);
+  EXPECT_THAT(right.wrong, IsEmpty());
+  EXPECT_EQ(right.checked_count, static_cast<int>(kinds.size()));
+  const auto black = std::find_if(pictures.begin(), pictures.end(),
+                                  [](const auto& each) { return each.pattern == 1; });
+  const auto place = static_cast<std::size_t>(black - pictures.begin());
+  make_stale(pictures, place, 1);
+  EXPECT_THAT(check(patterns, pictures).text(), HasSubstr("pattern 1 bracket 0"));
+}
+
+TEST(PictureIdentity, NothingAndOneFrameAreNoCapture) {
+  const auto patterns = whole_plan();
+  EXPECT_EQ(check(patterns, {}).checked_count, 0);
+  auto pictures = capture(patterns, {}, 10);
+  pictures.resize(1);
+  const PictureCheck found = check(patterns, pictures);
+  EXPECT_THAT(found.wrong, IsEmpty());
+  EXPECT_EQ(found.unchecked.size(), 1U);
+}
+
+}  // namespace
+}  // namespace estimation
