@@ -78,6 +78,7 @@ inline PlanePoint plane_point(const Manifest& manifest, int row, int col) {
   result.column_pitch_mm = pitch[0];
   result.row_pitch_mm = pitch[1];
   const Vec3 to_projector = R.t() * (-t) - point;
+  const Vec3 to_camera = -point;  // named: GCC 12's address sanitizer loses a temporary below
   const double distance_mm = cv::norm(to_projector);
   const double reference_mm = *manifest.calibration.irradiance->reference_distance_mm;
   for (std::size_t axis = 0; axis < 2; ++axis) {
@@ -89,7 +90,7 @@ inline PlanePoint plane_point(const Manifest& manifest, int row, int col) {
         .cos_incidence = normal.dot(to_projector) / distance_mm,
         .cos_exit = -normal.dot(point) / cv::norm(point),
         .incidence_azimuth_rad = azimuth(to_projector),
-        .exit_azimuth_rad = azimuth(-point)};
+        .exit_azimuth_rad = azimuth(to_camera)};
   }
   result.gain = normal.dot(to_projector) / distance_mm * std::pow(reference_mm / distance_mm, 2);
   return result;
