@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <numbers>
 #include <optional>
 #include <utility>
@@ -23,8 +22,7 @@
 #include "estimation/radiometry/noise.h"
 #include "estimation/radiometry/signal_store.h"
 #include "estimation/refinement.h"
-#include "estimation/session/frame_io.h"
-#include "estimation/stripe_signals.h"
+#include "estimation/sample_noise.h"
 
 namespace estimation {
 namespace {
@@ -35,9 +33,6 @@ constexpr double kGrazingDegrees = 75;
 
 // More than any pattern of ours shows.
 constexpr int kMostHarmonics = 64;
-
-// Frames read ahead of the merge by estimate_session.
-constexpr std::size_t kReadAhead = 16;
 
 // What the contract marks G: without these, geometry alone.
 std::vector<std::string> missing_for_radiometry(const Manifest& manifest) {
@@ -65,20 +60,6 @@ Image<float> sum_of_channels(const Image<float>& rate) {
         sum.at(row, col) += rate.at(row, col, channel);
   });
   return sum;
-}
-
-// Neighbouring shifts are so close that their differences are noise: fourth differences of 16
-// shifts a period keep 0.3% of a sinusoid, those of 8 keep 4%, which would pass for a very noisy
-// camera.
-bool is_fine_sweep(const StripeSet& stripes) {
-  constexpr int kLeastShiftsPerPeriod = 16;
-  std::vector<int> gaps_px;
-  for (std::size_t i = 1; i < stripes.shifts_px.size(); ++i)
-    gaps_px.push_back(stripes.shifts_px[i] - stripes.shifts_px[i - 1]);
-  if (gaps_px.empty()) return false;
-  const auto middle = gaps_px.begin() + static_cast<std::ptrdiff_t>(gaps_px.size() / 2);
-  std::nth_element(gaps_px.begin(), middle, gaps_px.end());
-  return kLeastShiftsPerPeriod * *middle <= stripes.shape.period_px;
 }
 
 }  // namespace
@@ -164,14 +145,6 @@ class Estimator::Implementation {
   // The surface, its bends' shift of the stripes taken off the correspondence.
   Surface reconstruct(const SurfaceOptions& options, PhaseSource source);
   void move_correspondence(const MaterialResult& material);
-  struct Noise {
-    std::vector<MergedNoise> merged;
-    bool is_measured = false;  // the camera's own numbers; else told by the data, or assumed
-  };
-  std::map<std::vector<double>, int> exposures_us(const std::optional<StripeSet>& stripes) const;
-  Noise noise_of(const std::optional<StripeSet>& stripes) const;
-  // (DN/us)^2 of the mean of the black patterns that were subtracted.
-  double background_variance(const Noise& noise) const;
 
   Manifest manifest_;
   EstimatorOptions options_;
@@ -199,7 +172,7 @@ Result<Maps> Estimator::Implementation::estimate() {
   std::vector<const PatternKind*> kinds;
   for (const PatternRate& pattern : signals_.patterns) kinds.push_back(&pattern.pattern->kind);
   const std::optional<StripeSet> stripes = choose_stripe_set(kinds);
-  const Noise noise = noise_of(stripes);
+  const SampleNoise noise = sample_noise(camera(), black_, saturation_dn(), signals_, stripes);
 
   correspondence_ = correspond(noise.merged);
   decoded_column_sd_px_ = correspondence_.column_sd_px;
@@ -228,17 +201,18 @@ Result<Maps> Estimator::Implementation::estimate() {
   if (!options_.is_geometry_only && !missing.empty())
     notes_.push_back("geometry only: the session has no " + joined(missing));
   if (!options_.is_geometry_only && missing.empty()) {
-    const MaterialInput input{.manifest = manifest_,
-                              .options = options_,
-                              .model = *model_,
-                              .transfer = transfer_,
-                              .vignetting = vignetting_,
-                              .signals = signals_,
-                              .correspondence = correspondence_,
-                              .surface = surface,
-                              .noise = noise.merged,
-                              .common_variance = background_variance(noise),
-                              .is_noise_measured = noise.is_measured};
+    const MaterialInput input{
+        .manifest = manifest_,
+        .options = options_,
+        .model = *model_,
+        .transfer = transfer_,
+        .vignetting = vignetting_,
+        .signals = signals_,
+        .correspondence = correspondence_,
+        .surface = surface,
+        .noise = noise.merged,
+        .common_variance = background_variance(camera(), black_, saturation_dn(), signals_, noise),
+        .is_noise_measured = noise.is_measured};
     MaterialResult material = estimate_material(input, maps);
     if (!material.phase_px.empty()) {
       // Oblique light comes out shifted: the fit knows by how much, and the surface moves with it.
@@ -320,70 +294,6 @@ Correspondence Estimator::Implementation::correspond(std::span<const MergedNoise
   return found;
 }
 
-// What the stripes were taken with, and how often: a frame may be missing here and there.
-std::map<std::vector<double>, int> Estimator::Implementation::exposures_us(
-    const std::optional<StripeSet>& stripes) const {
-  if (!stripes) return {{signals_.patterns.front().exposures_us, 1}};
-  std::map<std::vector<double>, int> counts;
-  for (const auto& sources : stripes->sources)
-    for (const std::size_t source : sources) ++counts[signals_.patterns[source].exposures_us];
-  return counts;
-}
-
-Estimator::Implementation::Noise Estimator::Implementation::noise_of(
-    const std::optional<StripeSet>& stripes) const {
-  const auto of_sensor = [&](const auto& sensor) {
-    std::vector<SharedNoise> kinds;
-    for (const auto& [exposures, count] : exposures_us(stripes)) {
-      const double headroom_dn = saturation_dn() - black_.mean_dn(exposures.back());
-      kinds.push_back({merged_noise(exposures, sensor(headroom_dn), headroom_dn), double(count)});
-    }
-    return above_background(mean_noise(kinds), signals_.background_dn_per_us);
-  };
-  if (camera().gain_e_per_dn.value_or(0) > 0 && camera().read_noise_e)
-    return {of_sensor([&](double) {
-              return SensorNoise{*camera().gain_e_per_dn, *camera().read_noise_e};
-            }),
-            true};
-  if (stripes && is_fine_sweep(*stripes)) {
-    const auto all = exposures_us(stripes);
-    const std::vector<double>& usual =
-        std::max_element(all.begin(), all.end(), [](const auto& a, const auto& b) {
-          return a.second < b.second;
-        })->first;
-    const double limit_dn_per_us = (saturation_dn() - black_.mean_dn(usual.back())) / usual.back() -
-                                   signals_.background_dn_per_us;
-    const auto found =
-        noise_from_stripes(signals_of(*stripes, signals_.patterns).views, limit_dn_per_us);
-    // Samples that lost their long exposures are noisier than those.
-    const auto sensor = found ? sensor_of(*found, usual) : std::nullopt;
-    if (sensor && signals_.background_dn_per_us == 0)
-      return {of_sensor([&](double) { return *sensor; }), false};
-    if (found) return {{*found}, false};
-  }
-  // Nothing to tell it from: a 20 ke- full well and 10 e- read noise, as cameras of this class
-  // have.
-  return {of_sensor([](double headroom_dn) {
-            return SensorNoise{20000 / std::max(headroom_dn, 1.0), 10};
-          }),
-          false};
-}
-
-double Estimator::Implementation::background_variance(const Noise& noise) const {
-  double sum = 0;
-  for (const std::vector<double>& exposures : signals_.background_exposures_us) {
-    // A camera that is not known has the stripes' own noise.
-    const std::vector<MergedNoise> own =
-        noise.is_measured
-            ? merged_noise(exposures, {*camera().gain_e_per_dn, *camera().read_noise_e},
-                           saturation_dn() - black_.mean_dn(exposures.back()))
-            : noise.merged;
-    sum += variance_at(own, noise.is_measured ? signals_.background_dn_per_us : 0);
-  }
-  const double count = static_cast<double>(signals_.background_exposures_us.size());
-  return count > 0 ? sum / (count * count) : 0;
-}
-
 Estimator::Estimator(std::unique_ptr<Implementation> implementation)
     : implementation_(std::move(implementation)) {}
 Estimator::~Estimator() = default;
@@ -411,65 +321,5 @@ Result<Maps> Estimator::finish() { return implementation_->finish(); }
 const std::vector<std::string>& Estimator::notes() const { return implementation_->notes(); }
 
 const std::vector<ProfilePoint>& Estimator::profiles() const { return implementation_->profiles(); }
-
-namespace {
-
-// Frames `first` to `last` of the manifest, read in parallel; the first failure in their order.
-Result<std::vector<Image<std::uint16_t>>> read_batch(const std::filesystem::path& session,
-                                                     const Manifest& manifest, std::size_t first,
-                                                     std::size_t last) {
-  std::vector<Result<Image<std::uint16_t>>> read(last - first);
-  tbb::parallel_for(first, last, [&](std::size_t i) {
-    read[i - first] = read_frame(session, manifest, manifest.frames[i].file);
-  });
-  std::vector<Image<std::uint16_t>> frames;
-  for (auto& frame : read) {
-    if (!frame)
-      return tl::unexpected(
-          named_by("/frames/" + std::to_string(first + frames.size()) + "/file", frame.error()));
-    frames.push_back(std::move(*frame));
-  }
-  return frames;
-}
-
-}  // namespace
-
-Result<SessionEstimate> estimate_session(
-    const std::filesystem::path& session, const EstimatorOptions& options,
-    const std::function<void(const EstimateProgress&)>& on_progress) {
-  const auto manifest = read_manifest(session);
-  if (!manifest) return tl::unexpected(manifest.error());
-  // What the Estimator finds wrong with the manifest, it does not know the file of.
-  const auto failed = [&](InputError error) {
-    if (error.file.empty() && error.place.starts_with('/'))
-      error.file = (session / "session.json").string();
-    return tl::unexpected(std::move(error));
-  };
-  auto estimator = Estimator::create(*manifest, session, options);
-  if (!estimator) return failed(estimator.error());
-  tbb::task_arena readers(options.thread_count > 0 ? options.thread_count
-                                                   : tbb::task_arena::automatic);
-  const std::size_t frame_count = manifest->frames.size();
-  for (std::size_t first = 0; first < frame_count; first += kReadAhead) {
-    const std::size_t last = std::min(first + kReadAhead, frame_count);
-    const auto frames =
-        readers.execute([&] { return read_batch(session, *manifest, first, last); });
-    if (!frames) return tl::unexpected(frames.error());
-    for (std::size_t i = first; i < last; ++i)
-      if (const auto added = (*estimator)->add_frame(i, (*frames)[i - first].view()); !added)
-        return tl::unexpected(added.error());
-    if (on_progress) on_progress({.stage = "frames", .done = last, .total = frame_count});
-  }
-  if (on_progress) on_progress({.stage = "maps", .done = 0, .total = 1});
-  auto maps = (*estimator)->finish();
-  if (!maps) return failed(maps.error());
-  if (on_progress) on_progress({.stage = "maps", .done = 1, .total = 1});
-  std::vector<std::string> notes = (*estimator)->notes();
-  if (manifest->state != SessionState::kComplete)
-    notes.insert(notes.begin(),
-                 "the capture is not complete: its state is " + to_string(manifest->state));
-  return SessionEstimate{
-      .maps = std::move(*maps), .notes = std::move(notes), .profiles = (*estimator)->profiles()};
-}
 
 }  // namespace estimation
