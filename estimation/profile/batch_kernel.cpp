@@ -2,8 +2,9 @@
 // pixels at a time. Each step takes the model's harmonics from the table (a pixel's lie side by
 // side there, and are transposed), makes them samples (an eighth of the even waves and a quarter of
 // the odd ones do where the sweep is even) and adds those up to the normal equations. Long sweeps
-// take a first step on the first harmonics of the data; one more on all samples is enough for most
-// pixels, with what curvature did to it and to the estimate taken off.
+// take a first step on the first harmonics of the data; one more on all samples is enough for
+// nearly all pixels, with what changes along it (weights, derivatives) taken off, and what
+// curvature does to the estimate.
 #include "estimation/profile/batch_kernel.h"
 
 #undef HWY_TARGET_INCLUDE

@@ -27,6 +27,11 @@ struct Sample {
 };
 constexpr std::size_t kModelFields = 4;  // of a sample
 
+// What second derivatives along a step do to the gradient.
+struct Bend {
+  V by_logit, by_log, by_phase;
+};
+
 // The harmonics of a vector of pixels at one point of their search.
 class Harmonics {
  public:
@@ -46,13 +51,28 @@ class Harmonics {
     return suffices;
   }
 
-  // The first harmonics alone.
-  HWY_INLINE void evaluate_first(const BatchPlan& plan, const SweepBasis& basis,
-                                 const PixelBatch& batch, std::size_t first, V logit, V log,
-                                 V position_px, V mean, std::size_t block_count) {
-    nodes_.load_first(plan, logit, log, std::min(block_count, plan.block_count));
-    fill_bins(plan, basis, batch, first, position_px, mean,
-              std::min(plan.harmonic_count, static_cast<int>(4 * block_count)));
+  // The first harmonics alone, without factors, n = 1 at [0].
+  template <std::size_t kCount>
+  HWY_INLINE void get_first(const BatchPlan& plan, V logit, V log, V (&value)[kCount],
+                            V (&by_logit)[kCount], V (&by_log)[kCount]) {
+    static_assert(kCount % 4 == 0);
+    nodes_.load_first(plan, logit, log, std::min(kCount / 4, plan.block_count));
+    const V zero = hn::Zero(D());
+    for (std::size_t n = 4 * plan.block_count; n < kCount; ++n)
+      value[n] = by_logit[n] = by_log[n] = zero;
+    for (std::size_t block = 0; block < std::min(kCount / 4, plan.block_count); ++block) {
+      V a[4], t[4], l[4];
+      nodes_.get(Nodes::kItself, block, a);
+      nodes_.get(Nodes::kByLogit, block, t);
+      nodes_.get(Nodes::kByLog, block, l);
+      for (std::size_t i = 0; i < 4; ++i) {
+        const std::size_t n = 4 * block + i;
+        const bool is_there = n < static_cast<std::size_t>(plan.harmonic_count);
+        value[n] = is_there ? a[i] : zero;
+        by_logit[n] = is_there ? t[i] : zero;
+        by_log[n] = is_there ? l[i] : zero;
+      }
+    }
   }
 
   // Calls add(j, sample) for each of the sweep's samples.
@@ -116,6 +136,41 @@ class Harmonics {
         shifts_[n][1] = hn::IfThenElseZero(is_bent, g.im);
       }
     }
+  }
+
+  // The model's second derivatives along a step, their product with residuals that have these first
+  // harmonics.
+  template <std::size_t kCount>
+  HWY_NOINLINE Bend bend_along(const Bins<1>& residuals, V t, V l, V p) {
+    static_assert(kCount % 4 == 0);
+    const D d;
+    const V zero = hn::Zero(d);
+    const float wave_per_px = static_cast<float>(2 * std::numbers::pi) * per_period_;
+    V along_t[kCount], along_l[kCount];
+    nodes_.get_curvature_along(t, l, along_t, along_l);
+    Bend bend{zero, zero, zero};
+    for (std::size_t block = 0; 4 * block < std::min(kCount, harmonic_count_); ++block) {
+      V a[4], by_logit[4], by_log[4];
+      nodes_.get(Nodes::kItself, block, a);
+      nodes_.get(Nodes::kByLogit, block, by_logit);
+      nodes_.get(Nodes::kByLog, block, by_log);
+      for (std::size_t i = 0; i < 4 && 4 * block + i < harmonic_count_; ++i) {
+        const std::size_t n = 4 * block + i + 1;
+        const Complex seen =
+            times_conjugate(turned_[n], {residuals.parts[n][0], residuals.parts[n][1]});
+        const V wave = hn::Set(d, static_cast<float>(n) * wave_per_px);
+        const V slope = hn::Mul(wave, seen.im), moved = hn::Mul(slope, p);
+        bend.by_logit = hn::MulAdd(along_t[n - 1], seen.re, bend.by_logit);
+        bend.by_logit = hn::NegMulAdd(by_logit[i], moved, bend.by_logit);
+        bend.by_log = hn::MulAdd(along_l[n - 1], seen.re, bend.by_log);
+        bend.by_log = hn::NegMulAdd(by_log[i], moved, bend.by_log);
+        const V shaped = hn::MulAdd(by_logit[i], t, hn::Mul(by_log[i], l));
+        bend.by_phase = hn::NegMulAdd(slope, shaped, bend.by_phase);
+        bend.by_phase =
+            hn::NegMulAdd(hn::Mul(hn::Mul(wave, wave), seen.re), hn::Mul(a[i], p), bend.by_phase);
+      }
+    }
+    return bend;
   }
 
   HWY_INLINE M has_at_most(std::size_t harmonic_count) const {

@@ -27,7 +27,7 @@ constexpr float kCoarseCurvature = 25;
 class Nodes {
  public:
   // What a block holds of each harmonic.
-  enum Value : std::size_t { kItself, kByLogit, kByLog, kCurvature };
+  enum Value : std::size_t { kItself, kByLogit, kByLog, kCurvature, kAlongLog };
 
   // For the pixels to come: which harmonics are left out, and which must not be missing, by their
   // height in a sample.
@@ -87,21 +87,52 @@ class Nodes {
 
   // The second derivatives of what was loaded times this covariance of (t, ln l), halved.
   HWY_NOINLINE void load_curvature(V tt, V tl, V ll) {
-    const hn::CappedTag<float, 4> d4;
+    const hn::CappedTag<float, 8> d8;
     HWY_ALIGN float c_tt[kLanes], c_tl[kLanes], c_ll[kLanes];
     hn::Store(tt, D(), c_tt);
     hn::Store(tl, D(), c_tl);
     hn::Store(ll, D(), c_ll);
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const float* const terms = terms_of(lane) + 3 * stride_;
-      const auto vtt = hn::Set(d4, c_tt[lane]), vtl = hn::Set(d4, c_tl[lane]),
-                 vll = hn::Set(d4, c_ll[lane]);
-      for (std::size_t n = 0; n < 4 * static_cast<std::size_t>(bent_[lane]); n += hn::Lanes(d4)) {
+      const auto vtt = hn::Set(d8, c_tt[lane]), vtl = hn::Set(d8, c_tl[lane]),
+                 vll = hn::Set(d8, c_ll[lane]);
+      for (std::size_t n = 0; n < 4 * static_cast<std::size_t>(bent_[lane]); n += hn::Lanes(d8)) {
         const float* const at = terms + n;
-        const auto shift = hn::MulAdd(vtt, hn::LoadU(d4, at),
-                                      hn::MulAdd(vtl, hn::LoadU(d4, at + stride_),
-                                                 hn::Mul(vll, hn::LoadU(d4, at + 2 * stride_))));
-        hn::Store(shift, d4, slot(kCurvature, n / 4, lane) + n % 4);
+        put(kCurvature, n, lane,
+            hn::MulAdd(vtt, hn::LoadU(d8, at),
+                       hn::MulAdd(vtl, hn::LoadU(d8, at + stride_),
+                                  hn::Mul(vll, hn::LoadU(d8, at + 2 * stride_)))));
+      }
+    }
+  }
+
+  // The second derivatives of the first harmonics times a step of (t, ln l), by t and by ln l.
+  template <std::size_t kCount>
+  HWY_INLINE void get_curvature_along(V t, V l, V (&by_logit)[kCount], V (&by_log)[kCount]) {
+    static_assert(kCount % 8 == 0);
+    HWY_ALIGN float twice_t[kLanes], only_t[kLanes], twice_l[kLanes], only_l[kLanes];
+    hn::Store(hn::Add(t, t), D(), twice_t);  // the table has halves of second derivatives
+    hn::Store(t, D(), only_t);
+    hn::Store(hn::Add(l, l), D(), twice_l);
+    hn::Store(l, D(), only_l);
+    const hn::CappedTag<float, 8> d8;
+    for (std::size_t lane = 0; lane < kLanes; ++lane)
+      for (std::size_t n = 0; n < kCount; n += hn::Lanes(d8)) {
+        const float* const at = terms_of(lane) + 3 * stride_ + n;
+        const auto tt = hn::LoadU(d8, at), tl = hn::LoadU(d8, at + stride_),
+                   ll = hn::LoadU(d8, at + 2 * stride_);
+        put(kCurvature, n, lane,
+            hn::MulAdd(tt, hn::Set(d8, twice_t[lane]), hn::Mul(tl, hn::Set(d8, only_l[lane]))));
+        put(kAlongLog, n, lane,
+            hn::MulAdd(tl, hn::Set(d8, only_t[lane]), hn::Mul(ll, hn::Set(d8, twice_l[lane]))));
+      }
+    for (std::size_t block = 0; 4 * block < kCount; ++block) {
+      V t4[4], l4[4];
+      get(kCurvature, block, t4);
+      get(kAlongLog, block, l4);
+      for (std::size_t i = 0; i < 4; ++i) {
+        by_logit[4 * block + i] = t4[i];
+        by_log[4 * block + i] = l4[i];
       }
     }
   }
@@ -195,23 +226,26 @@ class Nodes {
           hn::Store(hn::Zero(d4), d4, slot(value, block, lane) + i);
   }
 
+  // Harmonics of one lane from n on, as many as a vector of eight or fewer holds.
+  template <typename V8>
+  HWY_INLINE void put(Value value, std::size_t n, std::size_t lane, V8 terms) {
+    float* const at = slot(value, n / 4, lane) + n % 4;
+#if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3
+    const hn::CappedTag<float, 4> d4;
+    hn::Store(hn::LowerHalf(terms), d4, at);
+    hn::Store(hn::UpperHalf(d4, terms), d4, slot(value, n / 4 + 1, lane));
+#else
+    hn::Store(terms, hn::CappedTag<float, 8>(), at);
+#endif
+  }
+
   // Two blocks at a time where vectors are long enough: the table's rows are padded to eight, and a
   // block too many is not used.
   HWY_INLINE void load_lane(std::size_t lane, std::size_t block_count) {
     const hn::CappedTag<float, 8> d8;
-    [[maybe_unused]] const hn::CappedTag<float, 4> d4;
     const float* HWY_RESTRICT const node = terms_of(lane);
     const std::size_t stride = stride_;
     const auto vt = hn::Set(d8, from_logit_[lane]), vl = hn::Set(d8, from_log_[lane]);
-    const auto put = [&](Value value, std::size_t n, auto terms) HWY_ATTR {
-      float* const at = slot(value, n / 4, lane) + n % 4;
-#if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3
-      hn::Store(hn::LowerHalf(terms), d4, at);
-      hn::Store(hn::UpperHalf(d4, terms), d4, slot(value, n / 4 + 1, lane));
-#else
-      hn::Store(terms, d8, at);
-#endif
-    };
     for (std::size_t n = 0; n < 4 * block_count; n += hn::Lanes(d8)) {
       const float* const at = node + n;
       const auto a = hn::LoadU(d8, at), t = hn::LoadU(d8, at + stride),
@@ -219,13 +253,13 @@ class Nodes {
                  tl = hn::LoadU(d8, at + 4 * stride), ll = hn::LoadU(d8, at + 5 * stride);
       const auto half_t = hn::MulAdd(vl, tl, hn::MulAdd(vt, tt, t));  // lacks tt once more
       const auto half_l = hn::MulAdd(vl, ll, l);
-      put(kItself, n, hn::MulAdd(vl, half_l, hn::MulAdd(vt, half_t, a)));
-      put(kByLogit, n, hn::MulAdd(vt, tt, half_t));
-      put(kByLog, n, hn::MulAdd(vt, tl, hn::MulAdd(vl, ll, half_l)));
+      put(kItself, n, lane, hn::MulAdd(vl, half_l, hn::MulAdd(vt, half_t, a)));
+      put(kByLogit, n, lane, hn::MulAdd(vt, tt, half_t));
+      put(kByLog, n, lane, hn::MulAdd(vt, tl, hn::MulAdd(vl, ll, half_l)));
     }
   }
 
-  HWY_ALIGN float values_[4][kMostBlocks][4][kRowFloats];
+  HWY_ALIGN float values_[5][kMostBlocks][4][kRowFloats];
   HWY_ALIGN float from_logit_[kLanes], from_log_[kLanes];
   std::size_t node_[kLanes];
   const float* terms_ = nullptr;  // of the first node

@@ -60,16 +60,17 @@ HWY_INLINE Sums damped(Sums sums, V damping) {
   return sums;
 }
 
-// All samples of a sweep: as the model has them, and, once they are added up, its weight times the
-// same, the weight itself in the place of the value.
+// All samples of a sweep: as the model has them, and, once they are added up, what they weigh.
 struct Samples {
   Sample at[kMostBatchSamples];  // [j]
+  V weight[kMostBatchSamples];
 };
 
 // One sample: the model's value there with its derivatives, and what was measured (NaN: nothing).
-// Returns its weight and that times the derivatives.
+// Returns its weight.
 template <bool kHasLost, typename Noise>
-HWY_INLINE Sample add_sample(const Noise& noise, const Sample& model, V measured, Sums& s) {
+HWY_INLINE V add_sample(const Noise& noise, const Sample& model, V measured, Sums& s) {
+  const V t = model.by_logit, l = model.by_log, p = model.by_phase;
   V w = reciprocal(noise.variance(model.value));
   V residual = hn::Sub(measured, model.value);
   if constexpr (kHasLost) {
@@ -77,24 +78,23 @@ HWY_INLINE Sample add_sample(const Noise& noise, const Sample& model, V measured
     w = hn::IfThenElseZero(is_there, w);
     residual = hn::IfThenElseZero(is_there, residual);
   }
-  const V wt = hn::Mul(w, model.by_logit), wl = hn::Mul(w, model.by_log),
-          wp = hn::Mul(w, model.by_phase), we = hn::Mul(w, residual);
+  const V wt = hn::Mul(w, t), wl = hn::Mul(w, l), wp = hn::Mul(w, p), we = hn::Mul(w, residual);
   s.w = hn::Add(s.w, w);
   s.t = hn::Add(s.t, wt);
   s.l = hn::Add(s.l, wl);
   s.p = hn::Add(s.p, wp);
   s.e = hn::Add(s.e, we);
-  s.tt = hn::MulAdd(wt, model.by_logit, s.tt);
-  s.tl = hn::MulAdd(wt, model.by_log, s.tl);
-  s.tp = hn::MulAdd(wt, model.by_phase, s.tp);
-  s.ll = hn::MulAdd(wl, model.by_log, s.ll);
-  s.lp = hn::MulAdd(wl, model.by_phase, s.lp);
-  s.pp = hn::MulAdd(wp, model.by_phase, s.pp);
-  s.et = hn::MulAdd(we, model.by_logit, s.et);
-  s.el = hn::MulAdd(we, model.by_log, s.el);
-  s.ep = hn::MulAdd(we, model.by_phase, s.ep);
+  s.tt = hn::MulAdd(wt, t, s.tt);
+  s.tl = hn::MulAdd(wt, l, s.tl);
+  s.tp = hn::MulAdd(wt, p, s.tp);
+  s.ll = hn::MulAdd(wl, l, s.ll);
+  s.lp = hn::MulAdd(wl, p, s.lp);
+  s.pp = hn::MulAdd(wp, p, s.pp);
+  s.et = hn::MulAdd(we, t, s.et);
+  s.el = hn::MulAdd(we, l, s.el);
+  s.ep = hn::MulAdd(we, p, s.ep);
   s.ee = hn::MulAdd(we, residual, s.ee);
-  return {w, wt, wl, wp};
+  return w;
 }
 
 // Adds `count` samples up: the model's, and what was measured (NaN: nothing). Apart from what makes
@@ -106,7 +106,7 @@ HWY_NOINLINE void add_samples_of(const Noise& given, const V* measured, std::siz
   Sums s;
   clear(s);
   for (std::size_t j = 0; j < count; ++j)
-    samples.at[j] = add_sample<kHasLost>(noise, samples.at[j], measured[j], s);
+    samples.weight[j] = add_sample<kHasLost>(noise, samples.at[j], measured[j], s);
   sums = s;
 }
 
@@ -187,6 +187,27 @@ HWY_INLINE Solution solve(const BatchPlan& plan, Sums s, V mean_slope) {
                            hn::NegMulAdd(x.mean_l, x.l, hn::NegMulAdd(x.mean_p, x.p, own)));
   }
   return x;
+}
+
+// Weighted sums over the samples of something that is added to them.
+struct ShiftSums {
+  V e, et, el, ep;
+};
+
+//   step  from one shift's sample to the next one's
+HWY_INLINE ShiftSums sums_of(const Samples& samples, const V* shifts, std::size_t count,
+                             std::size_t step) {
+  const V zero = hn::Zero(D());
+  ShiftSums s{zero, zero, zero, zero};
+  for (std::size_t j = 0; j < count; ++j) {
+    const Sample& model = samples.at[j * step];
+    const V weighted = hn::Mul(samples.weight[j * step], shifts[j]);
+    s.e = hn::Add(s.e, weighted);
+    s.et = hn::MulAdd(weighted, model.by_logit, s.et);
+    s.el = hn::MulAdd(weighted, model.by_log, s.el);
+    s.ep = hn::MulAdd(weighted, model.by_phase, s.ep);
+  }
+  return s;
 }
 
 // Squared length of a change of (t, ln l, mean, phase) in standard deviations.

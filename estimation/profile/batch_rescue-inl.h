@@ -71,7 +71,7 @@ HWY_INLINE Rescue search_damped(const BatchPlan& plan, const SweepBasis& basis,
     harmonics.template for_samples<kQuartered>(
         basis, batch, first, [&](std::size_t j, const Sample& model) HWY_ATTR {
           const V measured = pixels.measured[j];
-          trial_weights[j] = add_sample<true>(pixels.noise, model, measured, there).value;
+          trial_weights[j] = add_sample<true>(pixels.noise, model, measured, there);
           if (count == 0) weights[j] = trial_weights[j];
           const V residual =
               hn::IfThenElseZero(hn::Eq(measured, measured), hn::Sub(measured, model.value));

@@ -11,8 +11,10 @@
 
 #include <cstddef>
 
+#include "estimation/profile/batch_first-inl.h"
 #include "estimation/profile/batch_kernel.h"
 #include "estimation/profile/batch_model-inl.h"
+#include "estimation/profile/batch_newton-inl.h"
 #include "estimation/profile/batch_normal-inl.h"
 #include "estimation/profile/batch_outcome-inl.h"
 #include "estimation/profile/batch_rescue-inl.h"
@@ -37,9 +39,10 @@ constexpr float kRough = 40;
 constexpr float kGreatestRest = 1e-6F, kFirstLength = 1, kSlowestEnd = 0.25F;
 // After a first step on few samples a step's length tells how good that was, not how fast the
 // search is. What a step leaves grows with its length and with how far the shape may be off: with
-// their product at most this (squared; lengths in standard deviations, the shape in t and ln l),
-// measured over a scene of skin, one pixel in a hundred is left more than 0.7 thousandths off.
-constexpr float kGreatestProduct = 2.5e-7F, kLongestLast = 0.09F;
+// their product (squared; lengths in standard deviations, the shape in t and ln l). Beyond the
+// first of these changed derivatives count, beyond the others a step has to follow.
+constexpr float kLeastBending = 1.5e-6F, kGreatestProduct = 2e-5F, kLongestLast = 1;
+constexpr float kLengthAfterCorrection = 1e-4F;
 constexpr float kGreatestLogitStep = 1, kGreatestLogStep = 0.75F;
 constexpr int kMostSteps = 12;
 // Of a correction for bias, as in likelihood_pixel.cpp.
@@ -88,64 +91,37 @@ HWY_INLINE State chosen(M mask, const State& yes, const State& no) {
 }
 
 // One step on the first harmonics of the data, as fewer samples: of a pixel whose sweep is complete
-// it leaves some hundredths of a standard deviation.
+// it leaves some hundredths of a standard deviation, for lack of the other harmonics; a second one
+// would leave as much.
 HWY_NOINLINE void first_step(const BatchPlan& plan, const PixelBatch& batch, std::size_t first,
                              const Pixels& pixels, const Bins<1>& data, Harmonics& harmonics,
-                             Samples& samples, Progress& progress) {
+                             Progress& progress) {
   const D d;
-  const SweepBasis& basis = *plan.first;
-  V measured[kFirstSamples];
-  for_quartered<1>(basis, data, [&](std::size_t j, const Fields<1>& sample) HWY_ATTR {
-    measured[j] = sample[0];
-  });
+  FoldedSweep sweep;
+  sweep.load(batch, first, data);
   State& state = progress.state;
   const Reflectance reflectance = reflectance_at(state.logit);
   if (!plan.is_free) state.mean = hn::Mul(pixels.level, reflectance.value);
-  harmonics.evaluate_first(plan, basis, batch, first, state.logit, state.log,
-                           hn::Add(pixels.position_px, state.phase_px), state.mean,
-                           kFirstHarmonics / 4);
-  Sums sums;
-  harmonics.get_samples<true>(basis, batch, first, samples.at);
-  add_samples<false>(pixels.noise, measured, kFirstSamples, samples, sums);
+  const Sums sums = sweep.at(plan, pixels, state, harmonics);
   const Solution x = solve(plan, sums, hn::Mul(pixels.level, reflectance.slope));
   progress.has_begun = hn::And(pixels.is_complete, x.is_definite);
   state = chosen(progress.has_begun, held(plan, stepped(plan, state, x)), state);
-  // Each of these samples is worth more than one.
-  const V per_sample = hn::Mul(pixels.present, hn::Set(d, 1.0F / kFirstSamples));
+  // Each of these samples is worth more than one; the sums are over half of them.
+  const V per_sample = hn::Mul(pixels.present, hn::Set(d, 2.0F / kFirstSamples));
   progress.length_before = hn::Max(hn::Mul(x.length, per_sample), hn::Set(d, kFirstLength));
   progress.length_before =
       hn::IfThenElse(progress.has_begun, progress.length_before, hn::Set(d, kFirstLength));
 }
 
-// The samples' shifts, weighted and added up.
-struct ShiftSums {
-  V e, et, el, ep;
-};
-
-//   step  from one shift's sample to the next one's
-HWY_INLINE ShiftSums sums_of(const Samples& weights, const V* shifts, std::size_t count,
-                             std::size_t step) {
-  const V zero = hn::Zero(D());
-  ShiftSums s{zero, zero, zero, zero};
-  for (std::size_t j = 0; j < count; ++j) {
-    const Sample& weight = weights.at[j * step];
-    s.e = hn::MulAdd(weight.value, shifts[j], s.e);
-    s.et = hn::MulAdd(weight.by_logit, shifts[j], s.et);
-    s.el = hn::MulAdd(weight.by_log, shifts[j], s.el);
-    s.ep = hn::MulAdd(weight.by_phase, shifts[j], s.ep);
-  }
-  return s;
-}
-
 // Takes off what curvature adds on average, as Fit::unbiased in likelihood_pixel.cpp does it: one
 // more step with the samples' expected shift as their residual. And what it added to the last step:
 // the shift that this step makes is no residual.
-//   weights    at the point evaluated last, `at`
+//   samples    at the point evaluated last, `at`
 //   x          the step from there to `next`, where the search ended
 //   needs_all  lanes for which half of the sweep is not enough
 template <bool kQuartered>
 HWY_NOINLINE State unbiased(const BatchPlan& plan, const SweepBasis& basis, const PixelBatch& batch,
-                            std::size_t first, const Pixels& pixels, const Samples& weights,
+                            std::size_t first, const Pixels& pixels, const Samples& samples,
                             const Sums& sums, const Solution& x, const State& at, const State& next,
                             M where, M needs_all, Harmonics& harmonics) {
   const D d;
@@ -170,12 +146,12 @@ HWY_NOINLINE State unbiased(const BatchPlan& plan, const SweepBasis& basis, cons
   };
   if (!hn::AllFalse(d, hn::And(where, needs_all))) {
     harmonics.template get_shifts<kQuartered>(basis, batch, first, mean, shifts);
-    take(needs_all, sums_of(weights, shifts, basis.sample_count, 1), hn::Set(d, 1.0F));
+    take(needs_all, sums_of(samples, shifts, basis.sample_count, 1), hn::Set(d, 1.0F));
   }
   if constexpr (kQuartered)
     if (!hn::AllFalse(d, hn::AndNot(needs_all, where))) {
       harmonics.get_shifts<true>(*plan.half, batch, first, mean, shifts);
-      take(hn::Not(needs_all), sums_of(weights, shifts, plan.half->sample_count, 2),
+      take(hn::Not(needs_all), sums_of(samples, shifts, plan.half->sample_count, 2),
            hn::Set(d, 2.0F));
     }
   const Solution step = solve(plan, shifted, slope);
@@ -202,11 +178,12 @@ HWY_NOINLINE void search(const BatchPlan& plan, const SweepBasis& basis, const P
                          std::size_t first, const Pixels& pixels, const Bins<1>* data,
                          const State& from, M wanted, Harmonics& harmonics, Outcome& out) {
   const D d;
-  const M none = hn::Lt(pixels.level, pixels.level);
+  const V zero = hn::Zero(d);
+  const M none = hn::Lt(zero, zero);
   Samples samples;
   Progress progress{from, hn::Set(d, kFirstLength), wanted, none, none};
   const bool is_rough = !(kQuartered && data != nullptr);
-  if (!is_rough) first_step(plan, batch, first, pixels, *data, harmonics, samples, progress);
+  if (!is_rough) first_step(plan, batch, first, pixels, *data, harmonics, progress);
   const bool is_aliased = !basis.is_quartered || basis.sample_count < kFewestUnaliased;
   harmonics.set_tolerance(
       plan, batch, first,
@@ -214,7 +191,8 @@ HWY_NOINLINE void search(const BatchPlan& plan, const SweepBasis& basis, const P
       hn::Mul(pixels.noise_sd, hn::Set(d, kTruncation)));
   State& state = progress.state;
   State next = from;
-  M needs_all = none;
+  M needs_all = none, corrected = none;
+  Correction correction{zero, zero, zero, zero};
   Sums sums;
   Solution x;
   for (int count = 0; count < kMostSteps && !hn::AllFalse(d, progress.active); ++count) {
@@ -233,22 +211,33 @@ HWY_NOINLINE void search(const BatchPlan& plan, const SweepBasis& basis, const P
     // Plain steps get nowhere with these.
     if (count >= kPatience)
       progress.active = hn::And(progress.active, hn::Lt(x.ll, hn::Set(d, kHopelessLogVariance)));
-    next = stepped(plan, state, x);
     const bool is_after_first = count == 0 && !is_rough;
-    const M is_near =
-        is_after_first
-            ? hn::And(hn::Lt(x.length, hn::Set(d, kLongestLast)),
-                      hn::Lt(hn::Mul(x.length, hn::Add(x.tt, x.ll)), hn::Set(d, kGreatestProduct)))
-            : hn::Lt(hn::Mul(x.length, x.length),
-                     hn::Mul(hn::Set(d, kGreatestRest), progress.length_before));
+    const V product = hn::Mul(x.length, hn::Add(x.tt, x.ll));
+    if constexpr (kQuartered)
+      if (is_after_first) {
+        corrected = hn::And(progress.active, progress.has_begun);
+        const M bends = hn::And(corrected, hn::Gt(product, hn::Set(d, kLeastBending)));
+        correction = correction_of(plan, basis, pixels, samples, sums, x,
+                                   hn::Mul(pixels.level, reflectance.slope), bends, harmonics);
+      }
+    correct(corrected, correction, x);
+    next = stepped(plan, state, x);
+    const M is_near = is_after_first
+                          ? hn::And(hn::Lt(x.length, hn::Set(d, kLongestLast)),
+                                    hn::Lt(product, hn::Set(d, kGreatestProduct)))
+                          : hn::Lt(hn::Mul(x.length, x.length),
+                                   hn::Mul(hn::Set(d, kGreatestRest), progress.length_before));
     const M is_fast = hn::Lt(x.length, hn::Mul(hn::Set(d, kSlowestEnd), progress.length_before));
     const M is_last =
         hn::And(hn::And(progress.active, progress.has_begun), hn::And(is_near, is_fast));
     progress.has_begun = hn::Not(none);
-    progress.length_before = x.length;
+    // A corrected step has left less than its length tells.
+    progress.length_before =
+        is_after_first ? hn::Min(x.length, hn::Set(d, kLengthAfterCorrection)) : x.length;
     const State inside = held(plan, next);
     const M is_inside = hn::And(hn::Eq(inside.logit, next.logit), hn::Eq(inside.log, next.log));
     progress.ended = hn::Or(progress.ended, hn::And(is_last, is_inside));
+    corrected = hn::And(corrected, progress.ended);  // which take the same step again
     // At the border of the table twice in a row: the exact model goes on.
     const M is_stuck = hn::And(hn::Eq(inside.logit, state.logit), hn::Eq(inside.log, state.log));
     progress.active = hn::AndNot(hn::Or(is_last, hn::AndNot(is_inside, is_stuck)), progress.active);
