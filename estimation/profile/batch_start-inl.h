@@ -73,7 +73,7 @@ HWY_NOINLINE void load_pixels(const BatchPlan& plan, const SweepBasis& basis,
   const float duty = static_cast<float>(plan.shape.width_px) / period_px;
   pixels.level = hn::Set(d, duty + plan.projector_black_frac);
   if (!batch.factor_re.empty()) {
-    const V factor = hn::LoadU(d, batch.factor_re.data() + first);
+    const V factor = factor_of(batch, 0, first).re;
     pixels.level = hn::Mul(pixels.level, factor);
     pixels.is_usual = hn::And(pixels.is_usual, hn::And(hn::Gt(factor, zero), hn::Lt(factor, huge)));
   }

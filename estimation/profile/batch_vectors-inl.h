@@ -75,6 +75,8 @@ HWY_INLINE Complex factor_of(const PixelBatch& batch, std::size_t n, std::size_t
   const D d;
   if (batch.factor_re.empty()) return {hn::Set(d, 1.0F), hn::Zero(d)};
   if (n >= static_cast<std::size_t>(batch.factor_count)) return {hn::Zero(d), hn::Zero(d)};
+  if (batch.has_shared_factors())
+    return {hn::Set(d, batch.factor_re[n]), hn::Set(d, batch.factor_im[n])};
   return {hn::LoadU(d, batch.factor_re.data() + n * batch.stride + first),
           hn::LoadU(d, batch.factor_im.data() + n * batch.stride + first)};
 }

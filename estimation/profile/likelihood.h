@@ -50,11 +50,16 @@ struct PixelBatch {
   std::span<const float> position_px;  // [stride] projector coordinate along the stripes' axis
   std::span<const float>
       full_signal;  // [stride] DN/us of a perfect reflector under full light there
-  // [n = 0..K][stride] real and imaginary part of f_n, K >= the harmonics used; both empty: 1
+  // [n = 0..K][stride] real and imaginary part of f_n, K >= the harmonics used; [n] if all pixels
+  // share them; both empty: 1
   std::span<const float> factor_re, factor_im;
   int factor_count = 0;  // K + 1
   // what to add to the shifts: [shift] for all pixels alike, or [shift][stride]; empty: nothing
   std::span<const float> offset_px;
+
+  bool has_shared_factors() const {
+    return factor_re.size() == static_cast<std::size_t>(factor_count);
+  }
 };
 
 // Order of the covariance: 0 t = ln(R_d / (1 - R_d)), 1 ln l_d, 2 B, 3 phase in projector px.

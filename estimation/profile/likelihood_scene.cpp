@@ -115,17 +115,17 @@ class Tile {
         channel_(channel_of(scene.camera, radiometry.band)),
         factors_(scene, radiometry.band, harmonic_count, correction.blur_px2),
         factor_count_(static_cast<std::size_t>(harmonic_count) + 1),
+        factor_stride_(factors_.is_uniform() ? 1 : kStride),
         elements_(kTile),
         samples_(scene.signals.size() * kStride),
         position_px_(kStride),
         full_signal_(kStride) {
     if (!factors_.is_unity()) {
-      factor_re_.resize(factor_count_ * kStride);
-      factor_im_.resize(factor_count_ * kStride);
+      factor_re_.resize(factor_count_ * factor_stride_);
+      factor_im_.resize(factor_count_ * factor_stride_);
     }
     fit_.resize(kStride);
-    if (factors_.is_uniform() && !factors_.is_unity())
-      for (std::size_t i = 0; i < kStride; ++i) set_factors(i, factors_.at({}, {}));
+    if (factors_.is_uniform() && !factors_.is_unity()) set_factors(0, factors_.at({}, {}));
   }
 
   // Fits up to kTile sites; the result stays until the next call.
@@ -165,8 +165,8 @@ class Tile {
 
   void set_factors(std::size_t i, std::span<const std::complex<double>> factors) {
     for (std::size_t n = 0; n < factors.size(); ++n) {
-      factor_re_[n * kStride + i] = static_cast<float>(factors[n].real());
-      factor_im_[n * kStride + i] = static_cast<float>(factors[n].imag());
+      factor_re_[n * factor_stride_ + i] = static_cast<float>(factors[n].real());
+      factor_im_[n * factor_stride_ + i] = static_cast<float>(factors[n].imag());
     }
   }
 
@@ -187,7 +187,7 @@ class Tile {
   std::span<const float> offset_px_;
   int channel_;
   SiteFactors factors_;
-  std::size_t factor_count_;
+  std::size_t factor_count_, factor_stride_;
   std::vector<std::uint32_t> elements_;
   std::vector<float> samples_, position_px_, full_signal_, factor_re_, factor_im_;
   BatchFit fit_;

@@ -39,7 +39,9 @@ PixelModel::Binding PixelModel::bind(const FitProblem& problem, const PixelBatch
   const double period_px = problem.shape.period_px;
   duty_ = problem.shape.width_px / period_px;
   wave_per_px_ = 2 * std::numbers::pi / period_px;
-  const double factor = batch.factor_re.empty() ? 1 : static_cast<double>(batch.factor_re[pixel]);
+  const std::size_t factor_of_pixel = batch.has_shared_factors() ? 0 : pixel;
+  const double factor =
+      batch.factor_re.empty() ? 1 : static_cast<double>(batch.factor_re[factor_of_pixel]);
   level_ = factor * (duty_ + problem.projector_black_frac);
   const double position_px = static_cast<double>(batch.position_px[pixel]);
   if (!std::isfinite(full_signal_) || !(std::abs(position_px) < kAbsurdPositionPx) ||
@@ -168,6 +170,9 @@ std::complex<double> PixelModel::twice_factor(int n) const {
   if (batch_->factor_re.empty()) return 2;
   if (n >= batch_->factor_count) return 0;
   const auto row = static_cast<std::size_t>(n);
+  if (batch_->has_shared_factors())
+    return {2 * static_cast<double>(batch_->factor_re[row]),
+            2 * static_cast<double>(batch_->factor_im[row])};
   return {2 * static_cast<double>(row_value(batch_->factor_re, row, batch_->stride, pixel_)),
           2 * static_cast<double>(row_value(batch_->factor_im, row, batch_->stride, pixel_))};
 }

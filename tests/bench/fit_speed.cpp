@@ -116,8 +116,8 @@ class BandWork {
                 .harmonic_count = options.harmonic_count,
                 .indirect = options.is_indirect_free ? IndirectLight::kFree : IndirectLight::kZero};
     for (int n = 0; n <= count; ++n) {
-      factor_re_.insert(factor_re_.end(), kStride, static_cast<float>(scene.contrast(n)));
-      factor_im_.insert(factor_im_.end(), kStride, 0.0F);
+      factor_re_.push_back(static_cast<float>(scene.contrast(n)));
+      factor_im_.push_back(0.0F);
     }
     factor_count_ = count + 1;
     fitter_.emplace(problem_);

@@ -187,6 +187,34 @@ TEST(BatchFitter, AgreesWithFitPixelToAThousandthOfAStandardDeviation) {
 }
 
 // A pixel's place among the lanes, and what its neighbours need, must not show.
+TEST(BatchFitter, FactorsThatPixelsShareAreThoseOfEachPixel) {
+  Pixels pixels({.name = "40 shifts, lost samples, skewed", .lost_share = 0.01, .is_skewed = true});
+  std::vector<float> shared_re, shared_im;
+  for (std::size_t n = 0; n <= kHarmonics; ++n) {
+    shared_re.push_back(pixels.factor_re[n * kPixels]);
+    shared_im.push_back(pixels.factor_im[n * kPixels]);
+    std::fill_n(pixels.factor_re.begin() + static_cast<std::ptrdiff_t>(n * kPixels), kPixels,
+                shared_re.back());
+    std::fill_n(pixels.factor_im.begin() + static_cast<std::ptrdiff_t>(n * kPixels), kPixels,
+                shared_im.back());
+  }
+  const FitProblem problem = pixels.problem();
+  PixelBatch batch = pixels.batch();
+  BatchFit own, shared;
+  fit_batch(problem, batch, own);
+  const PixelFit own_pixel = fit_pixel(problem, batch, 7);
+  batch.factor_re = shared_re;
+  batch.factor_im = shared_im;
+  fit_batch(problem, batch, shared);
+  EXPECT_EQ(own.validity, shared.validity);
+  EXPECT_EQ(std::count(own.validity.begin(), own.validity.end(), 0U),
+            static_cast<std::ptrdiff_t>(kPixels));
+  for (std::size_t i = 0; i < kPixels; ++i)
+    for (std::size_t k = 0; k < kUnknowns; ++k)
+      EXPECT_EQ(unknowns(own, i)[k], unknowns(shared, i)[k]);
+  EXPECT_EQ(own_pixel.log_translucency_px, fit_pixel(problem, batch, 7).log_translucency_px);
+}
+
 TEST(BatchFitter, APixelsBitsDoNotDependOnItsPlace) {
   for (const Kind& kind : kinds()) {
     SCOPED_TRACE(kind.name);
