@@ -16,7 +16,8 @@
 // From a camera that does not tell the level (LedgerRules::relies_on_swaps) times are all there is,
 // and then the display must keep time: swaps that are late are findings, too.
 //
-// Plain data and decisions; no device, no clock of its own. Copyable.
+// Plain data and decisions; no device, no clock of its own. Copyable. What devices tell is taken in
+// in ledger_evidence.cpp, frames are decided about in ledger_verdicts.cpp.
 #pragma once
 
 #include <chrono>
@@ -203,6 +204,7 @@ class Ledger {
     rig::HostTime due;  // by when its pulse must be known
   };
 
+  static std::string in_us(std::chrono::nanoseconds time);
   bool is_over(const Showing& showing) const;
   Showing* without_edge();
   Showing* under_exposure();
