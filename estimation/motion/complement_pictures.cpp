@@ -21,16 +21,23 @@ using Light = std::vector<float>;
 constexpr double kMotionShare = 1.5;
 constexpr double kMostFrac = 0.7;        // a limit beyond it finds nothing
 constexpr double kLeastContrast = 0.05;  // of the light: less, and two pictures look the same
-constexpr double kFewestFrac = 0.005;    // of the places
+// Of the light: what makes all places brighter, or all darker, by less may be lamp or room.
+constexpr double kLeastOneSided = 0.1;
+constexpr double kFewestFrac = 0.005;  // of the places
 constexpr double kFewestQuietFrac = 0.1;
 constexpr double kMostQuiet = 0.3;  // of the share: what places that cannot change may show
 constexpr double kLeastWhole = 0.85, kMostWhole = 1.15;
 // From here on a mixture is no longer told from a pair that moved by a whole stretch of light.
 constexpr double kSurelyWhole = 0.93;
 constexpr double kMostUnexplained = 0.1;  // of the surplus' square
-constexpr double kLeastExplained = 0.4;   // of a surplus' square, less what all pairs have
-constexpr double kAlike = 0.25;           // two shares that are the same
-constexpr double kTie = 0.9;              // of what the best explains: cannot be told from it
+// Noise of what was expected is in the surplus and in the change, and seems a share of its own.
+constexpr double kLeastSignal = 6;  // the change's square, of all pairs' surplus' square
+constexpr double kWholeContrast = 0.3;
+constexpr float kLit = 0.3F, kImpossible = 0.15F;  // of white and black
+constexpr double kFewestLitFrac = 0.3;             // of the places, to tell light from none
+constexpr double kLeastExplained = 0.4;            // of a surplus' square, less what all pairs have
+constexpr double kAlike = 0.25;                    // two shares that are the same
+constexpr double kTie = 0.9;  // of what the best explains: cannot be told from it
 constexpr std::size_t kMostSums = 5;
 
 // Of a surplus over places where the change would be more, less, or nothing.
@@ -82,7 +89,7 @@ Sums sum_up(const Light& surplus, const Light& change, const Light& light, float
 struct Share {
   double frac = 0;       // by places that would be brighter and darker alike
   double explained = 0;  // of the surplus' square
-  double surplus_square = 0;
+  double surplus_square = 0, change_square = 0;
   bool is_visible = false;
 };
 
@@ -97,7 +104,7 @@ Share share_of(const Light& surplus, const Light& change, const Light& light) {
   const Sums sums = sum_up(surplus, change, light, static_cast<float>(0.5 * contrast));
   const double product = sums.more_product + sums.less_product;
   const double all_square = sums.more_square + sums.less_square;
-  Share share{0, 0, sums.surplus_square, true};
+  Share share{0, 0, sums.surplus_square, square, true};
   if (!(all_square > 0)) return share;
   const double frac = product / all_square;
   const double sd = std::sqrt(std::max(sums.surplus_square - frac * frac * all_square, 0.0) /
@@ -111,10 +118,13 @@ Share share_of(const Light& surplus, const Light& change, const Light& light) {
   } else if (enough(sums.quiet_count, kFewestQuietFrac)) {
     const double quiet = sums.quiet_product / sums.quiet_square / contrast;
     if (std::abs(quiet) < kMostQuiet * std::abs(frac)) share.frac = frac;
-  } else if (frac > kLeastWhole && frac < kMostWhole &&
+  } else if (contrast > kWholeContrast && frac > kLeastWhole && frac < kMostWhole &&
              sums.surplus_square - frac * product < kMostUnexplained * sums.surplus_square) {
     share.frac = frac;
   }
+  const bool is_two_sided =
+      enough(sums.more_count, kFewestFrac) && enough(sums.less_count, kFewestFrac);
+  if (!is_two_sided && share.frac * contrast < kLeastOneSided) share.frac = 0;
   if (share.frac < kSureOfPicture * sd) share.frac = 0;
   share.explained = frac * product;
   return share;
@@ -148,7 +158,7 @@ class ComplementCheck {
  private:
   struct Suspicion {
     GroupFinding finding;
-    double explained = 0, surplus_square = 0;
+    double explained = 0, surplus_square = 0, change_square = 0;
   };
   struct Judgement {
     double surplus_square = 0;  // of the pair
@@ -259,10 +269,20 @@ class ComplementCheck {
       judgement.blind.emplace_back(frame, "the stripes moved too fast");
       return;
     }
+    std::size_t lit_count = 0, impossible_count = 0;
+    for (std::size_t i = 0; i < expected.sum.size(); ++i) {
+      lit_count += expected.light_dn[i] > kLit * expected.sum[i] ? 1U : 0U;
+      impossible_count += expected.light_dn[i] < -kImpossible * expected.sum[i] ? 1U : 0U;
+    }
+    const auto all = static_cast<double>(expected.sum.size());
+    // Its complement was brighter than white: other light came in, and says nothing of this one.
+    if (static_cast<double>(impossible_count) > kFewestQuietFrac * all) return;
     const auto suspect = [&](const Share& share, std::optional<int> seen_pattern) {
       if (share.frac > limit)
-        judgement.suspicions.push_back(
-            {{frame, share.frac, seen_pattern, {}}, share.explained, share.surplus_square});
+        judgement.suspicions.push_back({{frame, share.frac, seen_pattern, {}},
+                                        share.explained,
+                                        share.surplus_square,
+                                        share.change_square});
     };
     for (const int direction : {-1, 1}) {
       if ((direction < 0 && frame == 0) || (direction > 0 && frame + 1 == pictures_.shown.size()))
@@ -276,7 +296,8 @@ class ComplementCheck {
       if (other == partner && is_motion(pair, is_second, expected, share)) continue;
       suspect(share, picture.pattern);
     }
-    suspect(share_by(expected, Light(expected.sum.size(), 0.0F)), std::nullopt);
+    if (static_cast<double>(lit_count) > kFewestLitFrac * all)
+      suspect(share_by(expected, Light(expected.sum.size(), 0.0F)), std::nullopt);
   }
 
   // A pair that moved between its two seems a mixture of either with the other, by one share. Of a
@@ -303,6 +324,7 @@ class ComplementCheck {
     const Suspicion* suspicion = nullptr;
     for (std::size_t pair = 0; pair < pairs_.size(); ++pair) {
       for (const Suspicion& each : judgements_[pair].suspicions) {
+        if (each.change_square < kLeastSignal * usual) continue;
         if (each.explained < kLeastExplained * (each.surplus_square - usual)) continue;
         if (suspicion != nullptr && each.explained <= suspicion->explained) continue;
         suspicion = &each;

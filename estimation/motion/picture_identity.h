@@ -46,7 +46,7 @@ struct PictureCheck {
 };
 
 // Finds frames in which another picture of the session, shown before or after them, or black has
-// at least a fifth of the light, in the whole frame. What happens in a part of it (a blink), what
+// at least a quarter of the light, in the whole frame. What happens in a part of it (a blink), what
 // comes in beside the projector's light (a flash), what moves steadily, and noise raise nothing.
 // Checked are stripes or fringes of at least 16 shifts, Gray code with its inverse, stripes with
 // their complement and white with black; of those pairs at least two must be there.

@@ -55,7 +55,7 @@ struct GroupCheck {
 };
 
 // From this share on a frame does not show its pattern: asked is to find three tenths.
-constexpr double kWrongFrac = 0.2;
+constexpr double kWrongFrac = 0.25;
 // Standard deviations that a finding must have.
 constexpr double kSureOfPicture = 8;
 

@@ -20,6 +20,8 @@ namespace {
 using Complex = std::complex<double>;
 
 constexpr int kHarmonics = 3;
+// Half a period of the stripes is about 0.4: then light and phase are no longer told apart.
+constexpr double kMostCoherence = 0.2;
 constexpr double kLeastModulation = 0.8;  // of the neighbours': less, and a fifth is no stripes
 // Standard deviations from which on a frame is looked at without its own say.
 constexpr double kSuspect = 3;
@@ -78,6 +80,21 @@ class HarmonicFit {
   cv::Mat1d design_, inverse_;
   bool is_solved_ = false;
 };
+
+// Of the first harmonic with the mean over all places: 0 for places all over the period, 1 for one.
+double coherence(const std::vector<std::vector<float>>& coefficients) {
+  Complex product = 0;
+  double harmonic_square = 0, mean_square = 0;
+  for (std::size_t i = 0; i < coefficients[0].size(); ++i) {
+    const auto mean = static_cast<double>(coefficients[0][i]);
+    const Complex harmonic(static_cast<double>(coefficients[1][i]),
+                           static_cast<double>(coefficients[2][i]));
+    product += mean * harmonic;
+    harmonic_square += std::norm(harmonic);
+    mean_square += mean * mean;
+  }
+  return std::norm(product) / (harmonic_square * mean_square);
+}
 
 // Relative to what the fit has for the frame's shift: 1 is right; the argument is the phase by
 // which it is ahead, the size its modulation.
@@ -251,7 +268,8 @@ class ShiftCheck {
     constexpr std::size_t kFewest = 2 * (2 * kHarmonics), kMostSuspects = 4;
     const auto all = series_.frames.size() < kFewest ? std::nullopt : measure(std::nullopt);
     if (!all) {
-      check_ = refuse("too few other shifts tell what it should look like");
+      check_ =
+          refuse("too few other shifts, or too little of a period, tell what it should look like");
       return false;
     }
     check_.speed_px_per_s = all->speed_px_per_s;
@@ -283,6 +301,7 @@ class ShiftCheck {
     const HarmonicFit fit(series_.phases_rad, without);
     if (!fit.is_solved()) return std::nullopt;
     const auto coefficients = fit.coefficients(table_.light_dn);
+    if (coherence(coefficients) > kMostCoherence) return std::nullopt;
     std::vector<Complex> phasors;
     std::vector<double> elapsed_s;
     for (std::size_t n = 0; n < series_.frames.size(); ++n) {

@@ -7,6 +7,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <functional>
 #include <random>
 #include <string>
@@ -196,6 +198,45 @@ TEST(PictureIdentity, WhatBefallsARightCaptureRaisesNothing) {
     EXPECT_THAT(found.wrong, IsEmpty()) << found.text();
     EXPECT_EQ(found.checked_count + static_cast<int>(found.unchecked.size()), 80);
   }
+}
+
+// A few here; SSRIG_PICTURE_CAPTURES=400 for a measurement.
+TEST(PictureIdentity, RightCapturesOfAnyKindRaiseNothing) {
+  const char* const asked = std::getenv("SSRIG_PICTURE_CAPTURES");
+  const int capture_count = asked == nullptr ? 6 : std::atoi(asked);
+  const auto patterns = whole_plan();
+  int unchecked_count = 0;
+  for (int number = 0; number < capture_count; ++number) {
+    SCOPED_TRACE(number);
+    std::mt19937_64 random(static_cast<std::uint64_t>(number));
+    const auto draw = [&random](double least, double most) {
+      return least + (most - least) * static_cast<double>(random() >> 11U) * 0x1.0p-53;
+    };
+    const double drift_px_per_s = draw(-0.6, 0.6), breath_px = draw(0, 1.5),
+                 breath_hz = draw(0.15, 0.5), dim_per_s = draw(-0.02, 0.02),
+                 room_per_s = draw(0, 0.02), flash_s = draw(-3, 6), flash_frac = draw(0.1, 1.5),
+                 blink_s = draw(0, 6), blink = draw(0.6, 1.6), dn = draw(40, 3000);
+    Scene scene;
+    scene.shift_px = [=](double s) {
+      return drift_px_per_s * s + breath_px * std::sin(6.283 * breath_hz * s);
+    };
+    scene.light = [=](double s) { return 1 + dim_per_s * s; };
+    scene.ambient_frac = [=](double s) {
+      return room_per_s * s + (s >= flash_s && s < flash_s + 0.06 ? flash_frac : 0);
+    };
+    scene.top_light = [=](double s) { return s >= blink_s && s < blink_s + 0.2 ? blink : 1; };
+    scene.dn_per_white = dn;
+    scene.lit_across_frac = draw(0.1, 1);
+    const PictureCheck found =
+        check(patterns, capture(patterns, scene, static_cast<std::uint64_t>(number)));
+    EXPECT_THAT(found.wrong, IsEmpty())
+        << found.text() << "; drift " << drift_px_per_s << " breath " << breath_px << " px at "
+        << breath_hz << " Hz, flash " << flash_frac << " at " << flash_s << " s, blink " << blink
+        << " at " << blink_s << " s, " << dn << " DN, lit " << scene.lit_across_frac;
+    unchecked_count += static_cast<int>(found.unchecked.size());
+  }
+  std::printf("%d captures, %d of %d frames could not be checked\n", capture_count, unchecked_count,
+              80 * capture_count);
 }
 
 TEST(PictureIdentity, ClippedLightIsNotJudged) {
