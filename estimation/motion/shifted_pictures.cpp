@@ -20,6 +20,7 @@ namespace {
 using Complex = std::complex<double>;
 
 constexpr int kHarmonics = 3;
+constexpr double kWrongShiftFrac = 0.2;  // of another shift's light
 // Half a period of the stripes is about 0.4: then light and phase are no longer told apart.
 constexpr double kMostCoherence = 0.2;
 constexpr double kLeastModulation = 0.8;  // of the neighbours': less, and a fifth is no stripes
@@ -339,7 +340,7 @@ class ShiftCheck {
       if (!step || std::abs(*step) == 0) continue;
       const double share = (off * std::conj(*step)).real() / std::norm(*step);
       const Complex rest = off - share * *step;
-      if (share >= kWrongFrac && std::norm(rest) < kMostUnexplained * std::norm(off) &&
+      if (share >= kWrongShiftFrac && std::norm(rest) < kMostUnexplained * std::norm(off) &&
           share * std::abs(*step) > kSureOfPicture * all.sd(n, *step)) {
         const std::size_t seen = direction < 0 ? frame - 1 : frame + 1;
         return GroupFinding{frame, share, pictures_.shown[seen].picture->pattern};
