@@ -1,7 +1,7 @@
 #include "capture/stored_pictures.h"
 
 #include <algorithm>
-#include <cstdint>
+#include <numeric>
 #include <set>
 
 #include "estimation/motion/picture_samples.h"
@@ -34,6 +34,19 @@ std::vector<double> times_of(const std::vector<FrameRecord>& frames) {
   return times_s;
 }
 
+// Dark frames know the black better than the level that the camera is said to have.
+Result<estimation::CameraInfo> camera_with_black(const std::filesystem::path& session,
+                                                 const estimation::Manifest& manifest) {
+  estimation::CameraInfo camera = manifest.camera;
+  if (camera.dark_frames.empty()) return camera;
+  const auto dark = estimation::read_frame(session, manifest, camera.dark_frames.front().file);
+  if (!dark) return tl::unexpected(dark.error());
+  const auto samples = dark->samples();
+  camera.black_level_dn =
+      std::reduce(samples.begin(), samples.end(), 0.0) / static_cast<double>(samples.size());
+  return camera;
+}
+
 }  // namespace
 
 Result<std::vector<estimation::SeenPicture>> read_pictures(const std::filesystem::path& session,
@@ -58,9 +71,11 @@ Result<std::vector<estimation::SeenPicture>> read_pictures(const std::filesystem
 Result<estimation::PictureCheck> check_stored_pictures(const std::filesystem::path& session) {
   const auto manifest = estimation::read_manifest(session);
   if (!manifest) return tl::unexpected(manifest.error());
+  const auto camera = camera_with_black(session, *manifest);
+  if (!camera) return tl::unexpected(camera.error());
   const auto pictures = read_pictures(session, *manifest, manifest->frames);
   if (!pictures) return tl::unexpected(pictures.error());
-  return check_pictures(manifest->camera, manifest->patterns, *pictures);
+  return check_pictures(*camera, manifest->patterns, *pictures);
 }
 
 std::string name_patterns(const estimation::PictureCheck& check) {

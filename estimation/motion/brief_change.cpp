@@ -10,6 +10,8 @@
 #include <tuple>
 #include <utility>
 
+#include "estimation/motion/picture.h"
+
 namespace estimation {
 namespace {
 
@@ -301,9 +303,7 @@ std::vector<float> block_light(const CameraInfo& camera, const BlockGrid& grid,
                                ImageView<const std::uint16_t> frame_dn) {
   const auto samples_across = static_cast<std::size_t>(grid.width_px * frame_dn.channel_count);
   const auto cols = static_cast<std::size_t>(grid.cols);
-  const double limit_dn =
-      camera.saturation_level_dn.value_or(std::numeric_limits<std::uint16_t>::max());
-  const auto limit = static_cast<std::uint32_t>(std::clamp(limit_dn, 0.0, 65535.0));
+  const auto limit = static_cast<std::uint32_t>(std::clamp(clip_level_dn(camera), 0.0, 65535.0));
   const double sample_count = static_cast<double>(samples_across) * grid.height_px;
   std::vector<float> light(grid.count());
   for (int block_row = 0; block_row < grid.rows; ++block_row) {

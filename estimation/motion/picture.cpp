@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <opencv2/imgproc.hpp>
 
 namespace estimation {
@@ -47,6 +46,10 @@ cv::Mat kernel_around(double centre, double sigma_cells) {
 
 }  // namespace
 
+double clip_level_dn(const CameraInfo& camera) {
+  return camera.saturation_level_dn.value_or((1 << camera.pixel_format.bit_depth) - 1);
+}
+
 Picture make_picture(const CameraInfo& camera, ImageView<const std::uint16_t> frame_dn) {
   Picture picture;
   picture.bin_px = cell_side(camera);
@@ -55,8 +58,7 @@ Picture make_picture(const CameraInfo& camera, ImageView<const std::uint16_t> fr
   picture.light = Image<float>(height, width);
   picture.is_usable = Image<unsigned char>(height, width, 1, 1);
   const auto black_dn = static_cast<float>(camera.black_level_dn.value_or(0));
-  const double clipped_dn =
-      camera.saturation_level_dn.value_or(std::numeric_limits<double>::infinity());
+  const double clipped_dn = clip_level_dn(camera);
   const int samples_a_row = picture.bin_px * frame_dn.channel_count;
   const auto sample_count = static_cast<float>(samples_a_row * picture.bin_px);
   for (int row = 0; row < height; ++row) {

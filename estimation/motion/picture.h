@@ -15,6 +15,9 @@ struct Picture {
   Image<unsigned char> is_usable;  // 1 where no sample of the cell is clipped
 };
 
+// From which a sample counts as clipped, DN: the format's full scale where the session names none.
+double clip_level_dn(const CameraInfo& camera);
+
 // Cells are as large as gives at most 640 of them in a row, and whole Bayer quads.
 Picture make_picture(const CameraInfo& camera, ImageView<const std::uint16_t> frame_dn);
 

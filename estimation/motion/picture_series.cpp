@@ -1,21 +1,14 @@
 #include "estimation/motion/picture_series.h"
 
 #include <algorithm>
-#include <limits>
+
+#include "estimation/motion/picture.h"
 
 namespace estimation {
-namespace {
-
-double clip_limit_dn(const CameraInfo& camera) {
-  return camera.saturation_level_dn.value_or(std::numeric_limits<std::uint16_t>::max() + 1.0);
-}
-
-}  // namespace
-
 LitTable make_table(const CameraInfo& camera, const BracketPictures& pictures,
                     const std::vector<std::size_t>& frames) {
   const std::size_t place_count = pictures.shown[frames.front()].picture->samples_dn.size();
-  const double limit_dn = clip_limit_dn(camera);
+  const double limit_dn = clip_level_dn(camera);
   std::vector<std::uint16_t> highest(place_count);
   std::vector<std::uint32_t> sums(place_count);
   for (const std::size_t frame : frames) {
@@ -49,7 +42,7 @@ std::vector<float> light_at(const CameraInfo& camera, const LitTable& table,
                             const SeenPicture& picture) {
   const auto black_dn = static_cast<float>(camera.black_level_dn.value_or(0));
   std::vector<float> light(table.places.size());
-  const auto limit_dn = static_cast<float>(clip_limit_dn(camera));
+  const auto limit_dn = static_cast<float>(clip_level_dn(camera));
   for (std::size_t i = 0; i < light.size(); ++i)
     light[i] =
         std::min(static_cast<float>(picture.samples_dn[table.places[i]]), limit_dn) - black_dn;

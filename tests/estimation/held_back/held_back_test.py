@@ -219,6 +219,13 @@ class HeldBack(unittest.TestCase):
                                m["camera"].update(black_level=500))
         self.assertNotIn("do not look like", notes)
 
+    def test_overexposed_frames_without_a_saturation_level(self):
+        self.make(exposures_us=[4000, 64000], **MONO,
+                  edit=lambda manifest: manifest["camera"].pop("saturation_level"))
+        verified = self.ssrig("verify", self.session)
+        self.assertEqual(verified.returncode, 0, verified.stderr)
+        self.assertNotIn("does not show", verified.stderr)
+
     def test_optics_by_depth_and_tilt(self):
         self.recovered(blur_px=0.8, transfer="depth", tilt_deg=50, azimuth_deg=0, **MONO)
 
