@@ -140,8 +140,52 @@ class Gathering {
   PictureCheck& check_;
 };
 
-void check_bracket(const CameraInfo& camera, const BracketPictures& pictures,
-                   Gathering& gathering) {
+// By position; a repeat's are its pattern's.
+std::vector<PictureRole> roles_of(const BracketPictures& pictures) {
+  std::map<int, PictureRole> by_pattern;
+  const auto pattern_at = [&pictures](std::size_t i) { return pictures.shown[i].picture->pattern; };
+  std::vector<bool> is_taken(pictures.shown.size(), false);
+  int number = 0;
+  for (const ShiftSeries& series : shift_series(pictures)) {
+    for (std::size_t i = 0; i < series.frames.size(); ++i) {
+      is_taken[series.frames[i]] = true;
+      by_pattern[pattern_at(series.frames[i])] = {number, series.phases_rad[i], -1, false};
+    }
+    ++number;
+  }
+  number = 0;
+  for (const Complement& pair : complements(pictures, is_taken)) {
+    by_pattern[pattern_at(pair.first)] = {-1, 0, number, false};
+    by_pattern[pattern_at(pair.second)] = {-1, 0, number, true};
+    ++number;
+  }
+  std::vector<PictureRole> roles;
+  for (std::size_t i = 0; i < pictures.shown.size(); ++i)
+    roles.push_back(by_pattern[pattern_at(i)]);
+  return roles;
+}
+
+GroupCheck check_displaced(const CameraInfo& camera, const BracketPictures& pictures) {
+  GroupCheck check;
+  const auto run = find_displaced(camera, pictures, roles_of(pictures));
+  if (!run) return check;
+  for (std::size_t i = run->begin; i < run->end; ++i) {
+    if (!pictures.shown[i].picture->is_of_session) continue;
+    GroupFinding found{i, 1};
+    const auto shows = static_cast<std::ptrdiff_t>(i) + run->offset;
+    if (shows >= 0 && shows < static_cast<std::ptrdiff_t>(pictures.shown.size()))
+      found.seen_pattern = pictures.shown[static_cast<std::size_t>(shows)].picture->pattern;
+    check.wrong.push_back(found);
+    ++check.judged_count;
+  }
+  return check;
+}
+
+void check_bracket(const CameraInfo& camera, BracketPictures pictures, Gathering& gathering) {
+  const GroupCheck displaced = check_displaced(camera, pictures);
+  gathering.hear(pictures, displaced);
+  for (auto found = displaced.wrong.rbegin(); found != displaced.wrong.rend(); ++found)
+    pictures.shown.erase(pictures.shown.begin() + static_cast<std::ptrdiff_t>(found->frame));
   std::vector<bool> is_taken(pictures.shown.size(), false);
   double speed_px_per_s = 0;
   for (const ShiftSeries& series : shift_series(pictures)) {

@@ -48,6 +48,9 @@ struct PictureCheck {
 // Finds frames in which another picture of the session, shown before or after them, or black has
 // at least a quarter of the light, in the whole frame. What happens in a part of it (a blink), what
 // comes in beside the projector's light (a flash), what moves steadily, and noise raise nothing.
+// And runs of frames that all show the picture before or after their own, which among themselves
+// are as regular as right ones: four frames or more, unless all of them are fine stripes, whose
+// complements stay complements.
 // Checked are stripes or fringes of at least 16 shifts, Gray code with its inverse, stripes with
 // their complement and white with black; of those pairs at least two must be there.
 PictureCheck check_pictures(const CameraInfo& camera, const std::vector<Pattern>& patterns,

@@ -76,4 +76,24 @@ struct Complement {
 GroupCheck check_complements(const CameraInfo& camera, const BracketPictures& pictures,
                              const std::vector<Complement>& pairs, double speed_px_per_s);
 
+// What a picture is to the others: of a sweep, or one half of a pair; -1: of none.
+struct PictureRole {
+  int series = -1;
+  double phase_rad = 0;
+  int pair = -1;
+  bool is_second = false;
+};
+
+// Frames [begin, end) show what was shown `offset` pictures after them; 0: there are none.
+struct DisplacedRun {
+  std::size_t begin = 0, end = 0;  // positions in BracketPictures::shown
+  int offset = 0;
+};
+
+// `roles` are by position, of repeats as well. Runs of four frames or more, where the frames before
+// and after differ enough to tell.
+std::optional<DisplacedRun> find_displaced(const CameraInfo& camera,
+                                           const BracketPictures& pictures,
+                                           const std::vector<PictureRole>& roles);
+
 }  // namespace estimation
