@@ -18,9 +18,9 @@ constexpr std::size_t kMostPlaces = 4096;
 constexpr std::size_t kHarmonics = 3;  // 97% of what stripes of a fifth of their period change
 constexpr std::size_t kShortest = 4;   // frames; shorter runs are told frame by frame
 constexpr std::size_t kStep = 4;       // of the first search
-// Frames' worth of light that the displacement must explain beyond the filing, and the share of
-// what the filing leaves open.
-constexpr double kLeastGain = 1.5, kLeastGainShare = 0.3;
+// Frames' worth of light that the displacement must explain beyond the filing (one stale frame
+// costs up to two), and the share of what the filing leaves open.
+constexpr double kLeastGain = 3, kLeastGainShare = 0.3;
 // Between frames that follow each other: sweeps in order hardly tell a displacement from a motion,
 // and hardly suffer from it.
 constexpr double kLeastTurnRad = 0.4;
