@@ -16,11 +16,11 @@ namespace {
 
 constexpr std::size_t kMostPlaces = 4096;
 constexpr std::size_t kHarmonics = 3;  // 97% of what stripes of a fifth of their period change
-constexpr std::size_t kShortest = 4;   // frames; shorter runs are told frame by frame
+constexpr std::size_t kShortest = 2;   // frames; one alone is told by its neighbours
 constexpr std::size_t kStep = 4;       // of the first search
 // Frames' worth of light that the displacement must explain beyond the filing (one stale frame
 // costs up to two), and the share of what the filing leaves open.
-constexpr double kLeastGain = 3, kLeastGainShare = 0.3;
+constexpr double kLeastGain = 2.5, kLeastGainShare = 0.3;
 // Between frames that follow each other: sweeps in order hardly tell a displacement from a motion,
 // and hardly suffer from it.
 constexpr double kLeastTurnRad = 0.4;
@@ -53,8 +53,10 @@ class DisplacementSearch {
     DisplacedRun best;
     double most = filed;
     const auto consider = [&](const DisplacedRun& run) {
+      // The picture at the run's end is seen nowhere: a pair less to count.
       double own_counted = 0;
-      const double own = explained(run, own_counted);
+      double own = explained(run, own_counted);
+      if (own_counted > 0) own *= counted / own_counted;
       if (own <= most) return false;
       most = own;
       best = run;
@@ -135,9 +137,10 @@ class DisplacementSearch {
       }
       const PictureRole& role = roles_[shows];
       if (role.series >= 0) filing.series[role.series].emplace_back(i, role.phase_rad);
-      if (role.pair >= 0)
-        (role.is_second ? filing.pairs[role.pair].second : filing.pairs[role.pair].first)
-            .push_back(i);
+      for (const PictureRole::Half& half : role.halves) {
+        auto& pair = filing.pairs[half.pair];
+        (half.is_second ? pair.second : pair.first).push_back(i);
+      }
     }
     return filing;
   }
@@ -184,35 +187,51 @@ class DisplacementSearch {
     return size * std::min(2 * power / size / whole, 1.0);
   }
 
-  // By pairs' adding up to the same.
+  // By pairs' adding up to the same, each pair against its own contrast: fine codes have little.
   double explained_pairs(const Filing& filed, double& counted) const {
-    std::vector<std::pair<std::size_t, double>> all;  // frame and its weight in its pair's sum
-    double pair_count = 0, squares = 0, own_sums = 0;
+    using Weighted = std::vector<std::pair<std::size_t, double>>;  // frames and their weights
+    std::vector<Weighted> sums, differences;
+    std::vector<double> mean_weights(count_);
     for (const auto& [number, halves] : filed.pairs) {
       if (halves.first.empty() || halves.second.empty()) continue;
-      const std::size_t before = all.size();
-      for (const auto* half : {&halves.first, &halves.second})
-        for (const std::size_t frame : *half)
-          all.emplace_back(frame, 1 / static_cast<double>(half->size()));
-      ++pair_count;
-      for (std::size_t a = before; a < all.size(); ++a)
-        for (std::size_t b = before; b < all.size(); ++b)
-          own_sums += all[a].second * all[b].second * product(all[a].first, all[b].first);
-    }
-    double sum = 0, plain = 0;
-    for (const auto& [a, weight_a] : all) {
-      squares += product(a, a);
-      for (const auto& [b, weight_b] : all) {
-        sum += weight_a * weight_b * product(a, b);
-        plain += product(a, b);
+      Weighted& sum = sums.emplace_back();
+      Weighted& difference = differences.emplace_back();
+      for (const std::size_t frame : halves.first) {
+        sum.emplace_back(frame, 1 / static_cast<double>(halves.first.size()));
+        difference.push_back(sum.back());
       }
+      for (const std::size_t frame : halves.second) {
+        sum.emplace_back(frame, 1 / static_cast<double>(halves.second.size()));
+        difference.emplace_back(frame, -sum.back().second);
+      }
+      for (const auto& [frame, weight] : sum) mean_weights[frame] += weight;
     }
-    const auto size = static_cast<double>(all.size());
-    const double whole = squares - plain / std::max(size, 1.0);
-    if (!(whole > 0)) return 0;
-    counted += size;
-    const double left = (own_sums - sum / pair_count) / 2;
-    return size * (1 - std::clamp(left / whole, 0.0, 1.0));
+    if (sums.empty()) return 0;
+    const auto pair_count = static_cast<double>(sums.size());
+    // Of each frame with the mean of all sums, and that mean's own square.
+    std::vector<double> with_mean(count_);
+    double mean_square = 0;
+    for (std::size_t a = 0; a < count_; ++a) {
+      for (std::size_t b = 0; b < count_; ++b)
+        with_mean[a] += product(a, b) * mean_weights[b] / pair_count;
+      mean_square += with_mean[a] * mean_weights[a] / pair_count;
+    }
+    const auto square = [this](const Weighted& frames) {
+      double sum = 0;
+      for (const auto& [a, weight_a] : frames)
+        for (const auto& [b, weight_b] : frames) sum += weight_a * weight_b * product(a, b);
+      return sum;
+    };
+    double explained = 0;
+    for (std::size_t pair = 0; pair < sums.size(); ++pair) {
+      double along = 0;
+      for (const auto& [frame, weight] : sums[pair]) along += weight * with_mean[frame];
+      const double left = std::max(square(sums[pair]) - 2 * along + mean_square, 0.0);
+      const double contrast = square(differences[pair]);
+      if (contrast + left > 0) explained += 2 * contrast / (contrast + left);
+    }
+    counted += 2 * pair_count;
+    return explained;
   }
 
   std::vector<PictureRole> roles_;

@@ -140,6 +140,20 @@ class Gathering {
   PictureCheck& check_;
 };
 
+// Fine stripes that have changed places among themselves are complements as good as before; that
+// one bit of the code is the complement of two of them tells it.
+bool is_code_against_stripes(const PatternKind& code, const PatternKind& kind) {
+  const auto* gray = std::get_if<GrayCode>(&code);
+  const auto* stripes = std::get_if<Stripes>(&kind);
+  if (gray == nullptr || stripes == nullptr || gray->axis != stripes->axis) return false;
+  for (int at_px = 0; at_px < 4 * stripes->period_px; ++at_px) {
+    const int row = gray->axis == Axis::kRow ? at_px : 0,
+              col = gray->axis == Axis::kRow ? 0 : at_px;
+    if (std::abs(brightness(code, row, col) + brightness(kind, row, col) - 1) > 1e-6) return false;
+  }
+  return true;
+}
+
 // By position; a repeat's are its pattern's.
 std::vector<PictureRole> roles_of(const BracketPictures& pictures) {
   std::map<int, PictureRole> by_pattern;
@@ -149,16 +163,25 @@ std::vector<PictureRole> roles_of(const BracketPictures& pictures) {
   for (const ShiftSeries& series : shift_series(pictures)) {
     for (std::size_t i = 0; i < series.frames.size(); ++i) {
       is_taken[series.frames[i]] = true;
-      by_pattern[pattern_at(series.frames[i])] = {number, series.phases_rad[i], -1, false};
+      by_pattern[pattern_at(series.frames[i])] = {number, series.phases_rad[i], {}};
     }
     ++number;
   }
   number = 0;
-  for (const Complement& pair : complements(pictures, is_taken)) {
-    by_pattern[pattern_at(pair.first)] = {-1, 0, number, false};
-    by_pattern[pattern_at(pair.second)] = {-1, 0, number, true};
+  const auto add_pair = [&](std::size_t first, std::size_t second) {
+    by_pattern[pattern_at(first)].halves.push_back({number, false});
+    by_pattern[pattern_at(second)].halves.push_back({number, true});
     ++number;
-  }
+  };
+  const std::vector<Complement> pairs = complements(pictures, is_taken);
+  for (const Complement& pair : pairs) add_pair(pair.first, pair.second);
+  for (const Complement& pair : pairs)
+    for (const std::size_t stripes : {pair.first, pair.second})
+      for (const Complement& other : pairs)
+        for (const std::size_t code : {other.first, other.second})
+          if (is_code_against_stripes(pictures.shown[code].pattern->kind,
+                                      pictures.shown[stripes].pattern->kind))
+            add_pair(code, stripes);
   std::vector<PictureRole> roles;
   for (std::size_t i = 0; i < pictures.shown.size(); ++i)
     roles.push_back(by_pattern[pattern_at(i)]);

@@ -49,8 +49,8 @@ struct PictureCheck {
 // at least a quarter of the light, in the whole frame. What happens in a part of it (a blink), what
 // comes in beside the projector's light (a flash), what moves steadily, and noise raise nothing.
 // And runs of frames that all show the picture before or after their own, which among themselves
-// are as regular as right ones: four frames or more, unless all of them are fine stripes, whose
-// complements stay complements.
+// are as regular as right ones; in a sweep that is shown in the order of its shifts they are not
+// told from a motion.
 // Checked are stripes or fringes of at least 16 shifts, Gray code with its inverse, stripes with
 // their complement and white with black; of those pairs at least two must be there.
 PictureCheck check_pictures(const CameraInfo& camera, const std::vector<Pattern>& patterns,

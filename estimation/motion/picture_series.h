@@ -76,12 +76,15 @@ struct Complement {
 GroupCheck check_complements(const CameraInfo& camera, const BracketPictures& pictures,
                              const std::vector<Complement>& pairs, double speed_px_per_s);
 
-// What a picture is to the others: of a sweep, or one half of a pair; -1: of none.
+// What a picture is to the others: of a sweep, or one half of pairs.
 struct PictureRole {
-  int series = -1;
+  struct Half {
+    int pair = 0;
+    bool is_second = false;
+  };
+  int series = -1;  // -1: of none
   double phase_rad = 0;
-  int pair = -1;
-  bool is_second = false;
+  std::vector<Half> halves{};
 };
 
 // Frames [begin, end) show what was shown `offset` pictures after them; 0: there are none.
@@ -90,7 +93,7 @@ struct DisplacedRun {
   int offset = 0;
 };
 
-// `roles` are by position, of repeats as well. Runs of four frames or more, where the frames before
+// `roles` are by position, of repeats as well. Runs of two frames or more, where the frames before
 // and after differ enough to tell.
 std::optional<DisplacedRun> find_displaced(const CameraInfo& camera,
                                            const BracketPictures& pictures,
