@@ -20,7 +20,7 @@ using Light = std::vector<float>;
 // moved by between the two.
 constexpr double kMotionShare = 1.5;
 constexpr double kMostFrac = 0.7;        // a limit beyond it finds nothing
-constexpr double kLeastContrast = 0.05;  // of the light: less, and two pictures look the same
+constexpr double kLeastContrast = 0.1;  // of the light: less, and two pictures look the same
 // Of the light: what makes all places brighter, or all darker, by less may be lamp or room.
 constexpr double kLeastOneSided = 0.1;
 constexpr double kFewestFrac = 0.005;  // of the places
