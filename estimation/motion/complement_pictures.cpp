@@ -19,7 +19,7 @@ using Light = std::vector<float>;
 // A pair's own share of wrong light that its motion can feign, for each stretch of light that it
 // moved by between the two.
 constexpr double kMotionShare = 1.5;
-constexpr double kMostFrac = 0.7;        // a limit beyond it finds nothing
+constexpr double kMostFrac = 0.7;       // a limit beyond it finds nothing
 constexpr double kLeastContrast = 0.1;  // of the light: less, and two pictures look the same
 // Of the light: what makes all places brighter, or all darker, by less may be lamp or room.
 constexpr double kLeastOneSided = 0.1;
