@@ -17,6 +17,7 @@
 #include "estimation/session/verify.h"
 #include "tests/capture/folder_files.h"
 #include "tests/capture/ledger_rig.h"
+#include "tests/temporary_folder.h"
 
 namespace capture {
 namespace {
@@ -36,9 +37,7 @@ constexpr char kCalibration[] = R"({
 class CaptureJobTest : public testing::Test {
  protected:
   void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "ssrig_job_XXXXXX").string();
-    ASSERT_NE(::mkdtemp(name.data()), nullptr);
-    root_ = name;
+    ASSERT_FALSE(root_.empty());
     rig_file_ = ledger_rig_file();
     rig_file_.path = root_ / "rig.toml";
     rig_file_.calibration_file = root_ / "calibration.json";
@@ -52,7 +51,6 @@ class CaptureJobTest : public testing::Test {
     options_.created = std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
     options_.estimator.thread_count = 2;
   }
-  void TearDown() override { fs::remove_all(root_); }
 
   tl::expected<CaptureJob, CaptureResult> prepare() const {
     return CaptureJob::prepare(rig_file_, options_);
@@ -68,7 +66,8 @@ class CaptureJobTest : public testing::Test {
     return job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, stop,
                     on_progress);
   }
-  fs::path root_;
+  const test_support::TemporaryFolder folder_;
+  const fs::path root_ = folder_.path();
   rig::RigFile rig_file_;
   CaptureOptions options_;
 };

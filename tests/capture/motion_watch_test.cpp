@@ -14,6 +14,7 @@
 #include "estimation/session/manifest.h"
 #include "estimation/session/verify.h"
 #include "tests/capture/striped_world.h"
+#include "tests/temporary_folder.h"
 
 namespace capture {
 namespace {
@@ -25,12 +26,9 @@ using testing::StartsWith;
 class WatchedCapture : public testing::Test {
  protected:
   void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "ssrig_watch_XXXXXX").string();
-    ASSERT_NE(::mkdtemp(name.data()), nullptr);
-    root_ = name;
+    ASSERT_FALSE(root_.empty());
     rig_file_ = striped_rig_file(root_);
   }
-  void TearDown() override { fs::remove_all(root_); }
 
   CaptureResult capture(const PoseAt& pose_at) {
     CaptureOptions options;
@@ -68,7 +66,8 @@ class WatchedCapture : public testing::Test {
     return nlohmann::json::parse(file, nullptr, false);
   }
 
-  fs::path root_;
+  const test_support::TemporaryFolder folder_;
+  const fs::path root_ = folder_.path();
   rig::RigFile rig_file_;
   std::string told_before_the_maps_, state_when_told_;
   int last_total_ = 0;

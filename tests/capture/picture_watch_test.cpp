@@ -15,6 +15,7 @@
 #include "capture/stored_pictures.h"
 #include "estimation/session/verify.h"
 #include "tests/capture/striped_world.h"
+#include "tests/temporary_folder.h"
 
 namespace capture {
 namespace {
@@ -89,13 +90,10 @@ class StaleWorld final : public hw_sim::World {
 class PictureCapture : public testing::Test {
  protected:
   void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "ssrig_pictures_XXXXXX").string();
-    ASSERT_NE(::mkdtemp(name.data()), nullptr);
-    root_ = name;
+    ASSERT_FALSE(root_.empty());
     rig_file_ = striped_rig_file(root_);
     rig_file_.sequence.is_shuffled = true;
   }
-  void TearDown() override { fs::remove_all(root_); }
 
   CaptureResult capture(const Stale& stale, const fs::path& resume = {}) {
     CaptureOptions options;
@@ -135,7 +133,8 @@ class PictureCapture : public testing::Test {
     return patterns;
   }
 
-  fs::path root_;
+  const test_support::TemporaryFolder folder_;
+  const fs::path root_ = folder_.path();
   rig::RigFile rig_file_;
 };
 

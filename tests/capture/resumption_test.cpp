@@ -20,6 +20,7 @@
 #include "estimation/session/verify.h"
 #include "tests/capture/folder_files.h"
 #include "tests/capture/striped_world.h"
+#include "tests/temporary_folder.h"
 
 namespace capture {
 namespace {
@@ -33,12 +34,9 @@ constexpr int kSlotCount = 2 * (40 + 2 * (2 * 8 + 4));
 class Resumed : public testing::Test {
  protected:
   void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "ssrig_resume_XXXXXX").string();
-    ASSERT_NE(::mkdtemp(name.data()), nullptr);
-    root_ = name;
+    ASSERT_FALSE(root_.empty());
     rig_file_ = striped_rig_file(root_);
   }
-  void TearDown() override { fs::remove_all(root_); }
 
   // To the end, or aborted once so many slots are filled.
   CaptureResult capture(const fs::path& resume = {}, int abort_after = kSlotCount + 1,
@@ -88,7 +86,8 @@ class Resumed : public testing::Test {
     EXPECT_EQ(report->checked_hash_count, kSlotCount);
   }
 
-  fs::path root_;
+  const test_support::TemporaryFolder folder_;
+  const fs::path root_ = folder_.path();
   rig::RigFile rig_file_;
 };
 
