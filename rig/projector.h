@@ -3,6 +3,7 @@
 // tests/contract/projector_contract.h.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -27,6 +28,8 @@ struct ProjectorSettings {
   int height_px = 768;
   SyncSquareSettings sync_square;
   int timing_check_intervals = 50;  // swap intervals measured at start, at least 50
+  // A display server that stays silent for so long is lost. A mode switch takes it seconds.
+  std::chrono::milliseconds server_deadline{10'000};
 };
 
 // What the start-up check found.

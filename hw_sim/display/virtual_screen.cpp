@@ -182,6 +182,7 @@ rig::Result<std::unique_ptr<VirtualScreen>> VirtualScreen::start(
 }
 
 VirtualScreen::~VirtualScreen() {
+  if (server_) server_->send(SIGCONT);
   server_.reset();
   std::error_code ignored;
   std::filesystem::remove_all(folder_, ignored);
@@ -252,6 +253,8 @@ rig::Result<void> VirtualScreen::halve_projector_rate() {
 rig::Result<void> VirtualScreen::restore_projector_rate() {
   return set_projector_mode(kProjectorMode);
 }
+
+void VirtualScreen::freeze() { server_->send(SIGSTOP); }
 
 void VirtualScreen::crash() {
   server_->send(SIGKILL);

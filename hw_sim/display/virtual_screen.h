@@ -41,6 +41,9 @@ class VirtualScreen {
 
   // Ends the server at once, as a crash does.
   void crash();
+  // It stands still and answers nobody, as with a graphics card that hangs. Not for good: the end
+  // of this object ends it.
+  void freeze();
 
  private:
   VirtualScreen() = default;

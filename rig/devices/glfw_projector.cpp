@@ -54,6 +54,7 @@ Result<void> GlfwProjector::check() const { return requests_->check(); }
 Result<void> GlfwProjector::run(const std::stop_token& stop) {
   const std::stop_callback wake(stop, [] { glfwPostEmptyEvent(); });
   HostTime next_watch = HostClock::now() + kWatchPeriod;
+  const ServerWatch::Talk talk = window_->talk();
   while (!stop.stop_requested() && !window_->is_server_gone()) {
     serve_requests(stop);
     const HostTime now = HostClock::now();
@@ -62,11 +63,13 @@ Result<void> GlfwProjector::run(const std::stop_token& stop) {
       next_watch = now + kWatchPeriod;
     }
     glfwWaitEventsTimeout(kEventWait_s);
+    window_->answered();
   }
-  requests_->enter(ProjectorRequests::State::kClosed,
-                   window_->is_server_gone() ? kServerGone : "the projector's window is closed");
+  requests_->enter(ProjectorRequests::State::kClosed, window_->is_server_gone()
+                                                          ? window_->server_loss()
+                                                          : "the projector's window is closed");
   if (window_->is_server_gone()) {
-    const Error lost{Fault::kDeviceLost, kServerGone};
+    const Error lost{Fault::kDeviceLost, window_->server_loss()};
     sink_.post(DeviceFault{Device::kProjector, lost});
     return tl::unexpected(lost);
   }

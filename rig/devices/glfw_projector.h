@@ -36,7 +36,8 @@ class GlfwProjector final : public Projector {
   ~GlfwProjector() override;
 
   // Draws what is asked until `stop`; then shows black, restores the gamma ramp and refuses
-  // further requests. Once. Errors: kDeviceLost if the X server went away.
+  // further requests. Once. Errors: kDeviceLost if the X server went away, or did not answer for
+  // settings' server_deadline.
   Result<void> run(const std::stop_token& stop);
 
   // Thread-safe. Is the display as it was opened? Errors: kDisplayChanged, with what to put right.

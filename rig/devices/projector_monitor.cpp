@@ -1,14 +1,43 @@
 #include "rig/devices/projector_monitor.h"
 
-#define GLFW_INCLUDE_NONE
-#include <GLFW/glfw3.h>
+#include <X11/extensions/Xrandr.h>
 
+#include <cmath>
 #include <cstdlib>
+#include <memory>
+#include <span>
+
+#define GLFW_INCLUDE_NONE
+#define GLFW_EXPOSE_NATIVE_X11
+#include <GLFW/glfw3.h>
+#include <GLFW/glfw3native.h>
 
 namespace rig {
 namespace {
 
 constexpr int kGammaTolerance = 256;  // of 65535: drivers write i * 256 or i * 257
+
+// XRandR's objects, each freed by its own function.
+template <auto free_it>
+struct XrrFree {
+  template <typename T>
+  void operator()(T* object) const {
+    free_it(object);
+  }
+};
+using XrrResources = std::unique_ptr<XRRScreenResources, XrrFree<XRRFreeScreenResources>>;
+using XrrCrtc = std::unique_ptr<XRRCrtcInfo, XrrFree<XRRFreeCrtcInfo>>;
+using XrrGamma = std::unique_ptr<XRRCrtcGamma, XrrFree<XRRFreeGamma>>;
+
+// As GLFW counts it.
+int refresh_hz(const XRRScreenResources& resources, RRMode id) {
+  for (const XRRModeInfo& mode :
+       std::span(resources.modes, static_cast<std::size_t>(resources.nmode)))
+    if (mode.id == id && mode.hTotal != 0 && mode.vTotal != 0)
+      return static_cast<int>(std::lround(static_cast<double>(mode.dotClock) /
+                                          (static_cast<double>(mode.hTotal) * mode.vTotal)));
+  return 0;
+}
 
 std::vector<GLFWmonitor*> monitors() {
   int count = 0;
@@ -38,6 +67,20 @@ std::string monitors_text() {
   return list.empty() ? "none" : list;
 }
 
+std::optional<MonitorMode> read_mode(GLFWmonitor* monitor) {
+  Display* const display = glfwGetX11Display();
+  const XrrResources resources(XRRGetScreenResourcesCurrent(display, DefaultRootWindow(display)));
+  if (!resources) return std::nullopt;
+  const XrrCrtc crtc(XRRGetCrtcInfo(display, resources.get(), glfwGetX11Adapter(monitor)));
+  if (!crtc || crtc->mode == None) return std::nullopt;
+  return MonitorMode{.width_px = static_cast<int>(crtc->width),
+                     .height_px = static_cast<int>(crtc->height),
+                     .refresh_hz = refresh_hz(*resources, crtc->mode),
+                     .x_px = crtc->x,
+                     .y_px = crtc->y,
+                     .rotation = crtc->rotation};
+}
+
 bool GammaRamp::is_identity() const {
   const auto is_line = [](const std::vector<unsigned short>& ramp) {
     const int last = static_cast<int>(ramp.size()) - 1;
@@ -50,8 +93,8 @@ bool GammaRamp::is_identity() const {
 }
 
 std::optional<GammaRamp> read_gamma(GLFWmonitor* monitor) {
-  const GLFWgammaramp* ramp = glfwGetGammaRamp(monitor);
-  if (ramp == nullptr || ramp->size < 2) return std::nullopt;
+  const XrrGamma ramp(XRRGetCrtcGamma(glfwGetX11Display(), glfwGetX11Adapter(monitor)));
+  if (!ramp || ramp->size < 2) return std::nullopt;
   return GammaRamp{{ramp->red, ramp->red + ramp->size},
                    {ramp->green, ramp->green + ramp->size},
                    {ramp->blue, ramp->blue + ramp->size}};

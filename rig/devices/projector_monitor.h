@@ -19,7 +19,17 @@ std::string monitors_text();
 
 std::string size_text(int width_px, int height_px);
 
-// Outlives GLFW's own copy.
+// What a monitor shows of the desktop, and how.
+struct MonitorMode {
+  int width_px = 0, height_px = 0, refresh_hz = 0;  // refresh: 0 where it does not say
+  int x_px = 0, y_px = 0;
+  unsigned short rotation = 0;  // and reflection, as XRandR has them
+};
+
+// nullopt: it shows nothing, or the server is gone. GLFW would crash in the latter case, as with
+// the gamma ramp.
+std::optional<MonitorMode> read_mode(GLFWmonitor* monitor);
+
 struct GammaRamp {
   std::vector<unsigned short> red, green, blue;
 

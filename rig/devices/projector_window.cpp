@@ -20,6 +20,7 @@
 namespace rig {
 namespace {
 
+constexpr const char* kServerGone = "the X server went away; start it and ssrig again";
 constexpr int kWarmUpSwaps = 5;  // first frames compile shaders and fault pages in
 
 // Xlib's own handler ends the process, without destructors, when a request meets a monitor that
@@ -56,11 +57,12 @@ Result<std::unique_ptr<ProjectorWindow>> ProjectorWindow::open(const ProjectorSe
   std::unique_ptr<ProjectorWindow> window(new ProjectorWindow(settings));
   if (const Result<void> created = window->create(); !created)
     return tl::unexpected(created.error());
+  const ServerWatch::Talk talk = window->talk();
   if (const Result<void> prepared = window->prepare_drawing(); !prepared)
     return tl::unexpected(prepared.error());
   window->report_.is_gamma_identity = window->make_gamma_identity(find_monitor(settings.monitor));
   window->measure_swaps(stop);
-  if (window->is_server_gone()) return failure(Fault::kDeviceLost, kServerGone);
+  if (window->is_server_gone()) return failure(Fault::kDeviceLost, window->server_loss());
   return window;
 }
 
@@ -71,16 +73,15 @@ Result<void> ProjectorWindow::create() {
                    "no monitor is named \"" + settings_.monitor +
                        "\"; there are: " + monitors_text() +
                        "; correct the rig file's monitor, or switch the projector on");
-  const GLFWvidmode* mode = glfwGetVideoMode(monitor);
-  if (mode == nullptr || mode->width != settings_.width_px || mode->height != settings_.height_px)
+  const std::optional<MonitorMode> mode = read_mode(monitor);
+  if (!mode || mode->width_px != settings_.width_px || mode->height_px != settings_.height_px)
     return failure(
         Fault::kConfiguration,
         "monitor " + settings_.monitor + " shows " +
-            (mode == nullptr ? std::string("nothing") : size_text(mode->width, mode->height)) +
+            (mode ? size_text(mode->width_px, mode->height_px) : std::string("nothing")) +
             " px, the rig file says " + size_text(settings_.width_px, settings_.height_px) +
             "; set the monitor's mode (xrandr) or the rig file's size");
-  refresh_hz_ = mode->refreshRate;
-  glfwGetMonitorPos(monitor, &x_px_, &y_px_);
+  mode_ = *mode;
 
   glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
   glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
@@ -88,7 +89,7 @@ Result<void> ProjectorWindow::create() {
   glfwWindowHint(GLFW_AUTO_ICONIFY, GLFW_FALSE);  // the operator works on the other monitor
   glfwWindowHint(GLFW_FOCUS_ON_SHOW, GLFW_FALSE);
   // Without the present rate GLFW picks the highest of that size, which is a mode switch.
-  glfwWindowHint(GLFW_REFRESH_RATE, refresh_hz_ > 0 ? refresh_hz_ : GLFW_DONT_CARE);
+  glfwWindowHint(GLFW_REFRESH_RATE, mode_.refresh_hz > 0 ? mode_.refresh_hz : GLFW_DONT_CARE);
   window_ = glfwCreateWindow(settings_.width_px, settings_.height_px, "ssrig projector", monitor,
                              nullptr);
   if (window_ == nullptr)
@@ -101,6 +102,7 @@ Result<void> ProjectorWindow::create() {
       glfwGetX11Display(),
       [](Display*, void* is_gone) { static_cast<std::atomic<bool>*>(is_gone)->store(true); },
       &is_server_gone_);
+  watch_.emplace(ConnectionNumber(glfwGetX11Display()), settings_.server_deadline);
   glfwSetInputMode(window_, GLFW_CURSOR, GLFW_CURSOR_HIDDEN);
   return {};
 }
@@ -123,7 +125,7 @@ Result<void> ProjectorWindow::prepare_drawing() {
   report_.monitor = settings_.monitor;
   report_.width_px = width_px;
   report_.height_px = height_px;
-  report_.nominal_refresh_hz = refresh_hz_;
+  report_.nominal_refresh_hz = mode_.refresh_hz;
   if (const GLubyte* renderer = glGetString(GL_RENDERER); renderer != nullptr)
     report_.renderer = reinterpret_cast<const char*>(renderer);
   return {};
@@ -131,8 +133,18 @@ Result<void> ProjectorWindow::prepare_drawing() {
 
 ProjectorWindow::~ProjectorWindow() {
   if (is_server_gone_) return;  // GLFW would talk to it; the process is about to end
+  std::optional<ServerWatch::Talk> talk;
+  if (watch_) talk.emplace(*watch_);
   if (window_ != nullptr) glfwDestroyWindow(window_);
   glfwTerminate();
+}
+
+std::string ProjectorWindow::server_loss() const {
+  if (!watch_ || !watch_->has_ended_connection()) return kServerGone;
+  return "the X server did not answer for " +
+         std::to_string(
+             std::chrono::duration_cast<std::chrono::seconds>(settings_.server_deadline).count()) +
+         " s: it or the graphics driver stands still; start it and ssrig again";
 }
 
 // False where the ramp cannot be read or does not take.
@@ -157,6 +169,7 @@ void ProjectorWindow::measure_swaps(const std::stop_token& stop) {
   HostTime last = show_black();
   for (int i = 0; i < kWarmUpSwaps + count; ++i) {
     if (stop.stop_requested()) return;
+    watch_->answered();
     book_->draw_black();
     glfwSwapBuffers(window_);
     glFinish();
@@ -188,6 +201,7 @@ HostTime ProjectorWindow::swap() {
   const HostTime before = HostClock::now();
   glfwSwapBuffers(window_);
   glFinish();  // else the driver may queue frames ahead and return at once
+  watch_->answered();
   return scan_out_time(before, HostClock::now());
 }
 
@@ -208,23 +222,25 @@ bool ProjectorWindow::covers_monitor() const { return glfwGetWindowMonitor(windo
 
 void ProjectorWindow::hide() { glfwHideWindow(window_); }
 
+bool ProjectorWindow::is_in_our_mode(const std::optional<MonitorMode>& mode) const {
+  return mode && mode->width_px == settings_.width_px && mode->height_px == settings_.height_px &&
+         mode->refresh_hz == mode_.refresh_hz && mode->rotation == mode_.rotation;
+}
+
 std::optional<std::string> ProjectorWindow::find_change() const {
   GLFWmonitor* monitor = find_monitor(settings_.monitor);
   if (monitor == nullptr) return "monitor " + settings_.monitor + " is gone; plug it in again";
   if (!covers_monitor()) return "the window lost monitor " + settings_.monitor;
-  const GLFWvidmode* mode = glfwGetVideoMode(monitor);
-  if (mode == nullptr || mode->width != settings_.width_px || mode->height != settings_.height_px ||
-      mode->refreshRate != refresh_hz_)
+  const std::optional<MonitorMode> mode = read_mode(monitor);
+  if (!is_in_our_mode(mode))
     return "the mode of monitor " + settings_.monitor + " changed" +
-           (mode == nullptr ? std::string()
-                            : " to " + size_text(mode->width, mode->height) + " px at " +
-                                  std::to_string(mode->refreshRate) + " Hz") +
+           (mode ? " to " + size_text(mode->width_px, mode->height_px) + " px at " +
+                       std::to_string(mode->refresh_hz) + " Hz" +
+                       (mode->rotation == mode_.rotation ? "" : ", turned or mirrored")
+                 : std::string()) +
            "; set it to " + size_text(settings_.width_px, settings_.height_px) + " px at " +
-           std::to_string(refresh_hz_) + " Hz";
-  int x_px = 0;
-  int y_px = 0;
-  glfwGetMonitorPos(monitor, &x_px, &y_px);
-  if (x_px != x_px_ || y_px != y_px_)
+           std::to_string(mode_.refresh_hz) + " Hz, as it was";
+  if (mode->x_px != mode_.x_px || mode->y_px != mode_.y_px)
     return "monitor " + settings_.monitor + " was moved on the desktop; move it back";
   if (!report_.is_gamma_identity) return std::nullopt;  // it never was: the report says so
   const std::optional<GammaRamp> ramp = read_gamma(monitor);
@@ -237,14 +253,12 @@ std::optional<std::string> ProjectorWindow::find_change() const {
 bool ProjectorWindow::recover() {
   GLFWmonitor* monitor = find_monitor(settings_.monitor);
   if (monitor == nullptr) return false;
-  const GLFWvidmode* mode = glfwGetVideoMode(monitor);
-  if (mode == nullptr || mode->width != settings_.width_px || mode->height != settings_.height_px ||
-      mode->refreshRate != refresh_hz_)
-    return false;
-  glfwGetMonitorPos(monitor, &x_px_, &y_px_);  // wherever it was plugged in again
+  const std::optional<MonitorMode> mode = read_mode(monitor);
+  if (!is_in_our_mode(mode)) return false;
+  mode_ = *mode;  // wherever on the desktop it was plugged in again
   glfwShowWindow(window_);
   glfwSetWindowMonitor(window_, monitor, 0, 0, settings_.width_px, settings_.height_px,
-                       refresh_hz_ > 0 ? refresh_hz_ : GLFW_DONT_CARE);
+                       mode_.refresh_hz > 0 ? mode_.refresh_hz : GLFW_DONT_CARE);
   make_gamma_identity(monitor);
   show_black();
   return !find_change();

@@ -12,6 +12,7 @@
 #include "rig/clock.h"
 #include "rig/devices/picture_book.h"
 #include "rig/devices/projector_monitor.h"
+#include "rig/devices/server_watch.h"
 #include "rig/fault.h"
 #include "rig/projector.h"
 
@@ -19,8 +20,6 @@ struct GLFWwindow;
 struct _XDisplay;
 
 namespace rig {
-
-inline constexpr const char* kServerGone = "the X server went away; start it and ssrig again";
 
 // Main thread. One at a time in a process: GLFW and Xlib have handlers of the process.
 class ProjectorWindow {
@@ -36,6 +35,12 @@ class ProjectorWindow {
   const DisplayReport& report() const { return report_; }
   int picture_limit() const { return book_->limit(); }
   bool is_server_gone() const { return is_server_gone_; }
+  // What became of it, for the operator.
+  std::string server_loss() const;
+  // Around whatever is done with the window for long: a server that stands still is then gone after
+  // a while, of which answered() is the time since.
+  ServerWatch::Talk talk() { return ServerWatch::Talk(*watch_); }
+  void answered() { watch_->answered(); }
 
   Result<void> upload(const std::vector<estimation::Image<unsigned char>>& pictures);
   // When the picture began to be scanned out, by the driver or as the swap returned.
@@ -55,6 +60,7 @@ class ProjectorWindow {
   explicit ProjectorWindow(const ProjectorSettings& settings) : settings_(settings) {}
   Result<void> create();
   Result<void> prepare_drawing();
+  bool is_in_our_mode(const std::optional<MonitorMode>& mode) const;
   bool make_gamma_identity(GLFWmonitor* monitor);
   void measure_swaps(const std::stop_token& stop);
   HostTime swap();
@@ -67,11 +73,12 @@ class ProjectorWindow {
   ProjectorSettings settings_;
   DisplayReport report_;  // constant from open() on: other threads read it
   GLFWwindow* window_ = nullptr;
-  int x_px_ = 0, y_px_ = 0, refresh_hz_ = 0;  // of the monitor when it was opened
+  MonitorMode mode_;  // of the monitor when it was opened
   std::optional<GammaRamp> original_gamma_;
   std::optional<PictureBook> book_;
   WaitForSbc wait_for_sbc_ = nullptr;         // where the driver has GLX_OML_sync_control
   std::atomic<bool> is_server_gone_ = false;  // set by Xlib, from whichever thread was talking
+  std::optional<ServerWatch> watch_;          // from the window's creation on
 };
 
 }  // namespace rig
