@@ -47,7 +47,9 @@ OpenRig::OpenRig(const rig::RigFile& rig_file)
     : rig_file_(rig_file),
       camera_opening_(
           [this] {
-            return as<rig::Camera>(rig::AravisCamera::open(rig_file_.camera, camera_sink()));
+            auto camera = rig::AravisCamera::open(rig_file_.camera, camera_sink(), camera_past_);
+            if (camera) camera_past_ = (*camera)->past();
+            return as<rig::Camera>(std::move(camera));
           },
           [this] { events_->post(rig::DeviceOpened{rig::Device::kCamera}); }),
       trigger_opening_(

@@ -57,6 +57,7 @@ class OpenRig final : public rig::Reopener {
   rig::ReplaceableCamera camera_{nullptr};
   rig::ReplaceableTrigger trigger_{nullptr};
   std::unique_ptr<rig::GlfwProjector> projector_;
+  std::optional<rig::CameraPast> camera_past_;  // used by camera_opening_'s thread alone
   rig::Opening<rig::Camera> camera_opening_;
   rig::Opening<rig::Trigger> trigger_opening_;
 };

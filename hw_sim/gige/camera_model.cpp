@@ -70,7 +70,7 @@ GvcpStatus CameraModel::write(std::uint32_t address, std::uint32_t value, rig::H
 
 std::optional<Shot> CameraModel::pulse(rig::HostTime start, std::chrono::microseconds width) {
   if (registers_.get(kTriggerSource) != value_of(TriggerSource::kLine1)) return std::nullopt;
-  return shoot(start, width);
+  return shoot(is_inverted() ? start + width : start, width);
 }
 
 void CameraModel::set_line(rig::HostTime time, bool is_high) {
@@ -82,14 +82,16 @@ void CameraModel::set_line(rig::HostTime time, bool is_high) {
 std::uint64_t CameraModel::line_status(rig::HostTime time) const {
   const auto later = line_changes_.upper_bound(time);
   const bool is_high = later != line_changes_.begin() && std::prev(later)->second;
-  const bool is_inverted = registers_.get(kLineInverter) != 0;
-  return is_high != is_inverted ? std::uint64_t{1} << value_of(Line::kLine1) : 0;
+  return is_high != is_inverted() ? std::uint64_t{1} << value_of(Line::kLine1) : 0;
 }
 
 bool CameraModel::is_trigger(bool is_rise) const {
   return is_acquiring_ && registers_.get(kTriggerSource) == value_of(TriggerSource::kLine1) &&
-         (is_rise || registers_.get(kTriggerActivation) == value_of(TriggerActivation::kAnyEdge));
+         (is_rise != is_inverted() ||
+          registers_.get(kTriggerActivation) == value_of(TriggerActivation::kAnyEdge));
 }
+
+bool CameraModel::is_inverted() const { return registers_.get(kLineInverter) != 0; }
 
 std::optional<Shot> CameraModel::take_software_shot() {
   return std::exchange(software_shot_, std::nullopt);
@@ -257,7 +259,8 @@ void CameraModel::load_set() {
 
 std::optional<Shot> CameraModel::shoot(rig::HostTime start, std::chrono::microseconds width) {
   if (!is_acquiring_ || registers_.get(kTriggerMode) == 0) return std::nullopt;
-  const std::optional<ExposureJob> job = engine_.trigger(start, width);
+  const std::optional<ExposureJob> job =
+      engine_.trigger(start + to_microseconds(registers_.get_float(kTriggerDelay)), width);
   if (!job) return std::nullopt;
   return Shot{*job, acquisition_number_};
 }

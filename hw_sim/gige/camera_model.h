@@ -48,7 +48,7 @@ class CameraModel {
   std::optional<Shot> pulse(rig::HostTime start, std::chrono::microseconds width);
   // Line1 has that level from `time` on; what it triggers is pulse()'s.
   void set_line(rig::HostTime time, bool is_high);
-  // Is Line1's going up, or down, a trigger?
+  // Is Line1's going up, or down, a trigger? Where it is inverted, pulse() begins at its end.
   bool is_trigger(bool is_rise) const;
   // A shot by TriggerSoftware since the last call.
   std::optional<Shot> take_software_shot();
@@ -77,6 +77,7 @@ class CameraModel {
     std::uint32_t trigger = 0;
   };
 
+  bool is_inverted() const;
   void refresh();  // registers that show state
   GvcpStatus check_state(std::uint32_t address, std::uint32_t value) const;
   void apply(std::uint32_t address, rig::HostTime now);

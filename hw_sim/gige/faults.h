@@ -26,6 +26,7 @@ struct GigeFaults {
   std::atomic<int> sequencer_slips{0};         // steps on without a pulse
   std::atomic<int> unseen_pulses{0};           // a pulse that the line does not carry
   std::atomic<int> wrong_size_frames{0};       // the leader tells half the height
+  std::atomic<int> padded_frames{0};           // the leader tells of bytes behind each row
   std::atomic<int> wrong_format_frames{0};     // the leader tells Mono8
   std::atomic<int> timestamp_jumps{0};         // the clock jumps ahead by a second, for good
 };

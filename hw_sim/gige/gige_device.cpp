@@ -68,6 +68,7 @@ class GigeDevice::Impl {
   bool line(rig::HostTime time, bool is_high);
   GigeDeviceCounters counters() const;
   float line_debounce_us() const;
+  float gain_db() const;
 
   GigeFaults faults;
 
@@ -141,7 +142,8 @@ GigeDevice::Impl::Impl(const GigeDeviceOptions& options, const World& world,
               .pixel_formats = options.pixel_formats,
               .has_any_edge = options.has_any_edge,
               .has_debouncer = options.has_debouncer,
-              .has_line_status = options.has_line_status},
+              .has_line_status = options.has_line_status,
+              .gain_db = options.gain_db},
              options.readout,
              {.power_up = rig::HostClock::now(),
               .offset = options.clock_offset,
@@ -241,6 +243,11 @@ GigeDeviceCounters GigeDevice::Impl::counters() const {
           .sent_packet_count = stream.sent_packet_count,
           .resent_packet_count = stream.resent_packet_count,
           .lost_packet_count = stream.lost_packet_count};
+}
+
+float GigeDevice::Impl::gain_db() const {
+  const std::lock_guard lock(mutex_);
+  return model_.registers().get_float(kGain);
 }
 
 float GigeDevice::Impl::line_debounce_us() const {
@@ -485,6 +492,7 @@ void GigeDevice::Impl::expose(const Shot& shot) {
   model_.jump_clock(shot.faults.clock_step);
   model_.fill_block(shot, sensor_dn_.view(), options_.has_64_bit_block_ids, *block);
   if (take_one(faults.wrong_size_frames)) block->height_px /= 2;
+  if (take_one(faults.padded_frames)) block->line_padding_bytes = 4;
   if (take_one(faults.wrong_format_frames)) block->pixel_format = find_pixel_format("Mono8")->code;
   const bool is_late = take_one(faults.late_frames);
   const std::chrono::milliseconds delay =
@@ -525,5 +533,7 @@ GigeFaults& GigeDevice::faults() { return impl_->faults; }
 GigeDeviceCounters GigeDevice::counters() const { return impl_->counters(); }
 
 float GigeDevice::line_debounce_us() const { return impl_->line_debounce_us(); }
+
+float GigeDevice::gain_db() const { return impl_->gain_db(); }
 
 }  // namespace hw_sim

@@ -35,6 +35,7 @@ struct GigeDeviceOptions {
   bool has_any_edge = true;     // TriggerActivation AnyEdge
   bool has_debouncer = true;    // LineDebouncerTime
   bool has_line_status = true;  // chunk LineStatusAll
+  float gain_db = 0;            // at power-up
 };
 
 struct GigeDeviceCounters {
@@ -69,6 +70,7 @@ class GigeDevice {
   GigeFaults& faults();
   GigeDeviceCounters counters() const;
   float line_debounce_us() const;  // LineDebouncerTime, as it was written
+  float gain_db() const;
 
  private:
   class Impl;

@@ -37,7 +37,8 @@ void write_leader(WordWriter& out, const GvspBlock& block) {
   out.u32(block.height_px);
   out.u32(block.offset_x_px);
   out.u32(block.offset_y_px);
-  out.u32(0);  // no line padding
+  out.u16(block.line_padding_bytes);
+  out.u16(0);  // none behind the last row
 }
 
 void write_trailer(WordWriter& out, const GvspBlock& block) {

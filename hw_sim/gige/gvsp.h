@@ -25,6 +25,7 @@ struct GvspBlock {
   std::uint32_t height_px = 0;
   std::uint32_t offset_x_px = 0;
   std::uint32_t offset_y_px = 0;
+  std::uint16_t line_padding_bytes = 0;  // as the leader says
   std::size_t packet_size_bytes = 1500;  // IP and UDP headers included, as in GevSCPSPacketSize
   std::vector<std::uint8_t> payload;
   ShotFaults faults{};  // what happens to it on its way

@@ -184,8 +184,9 @@ std::vector<Register> imaging_registers(const DeviceDescription& description) {
        .kind = Kind::kInteger,
        .category = "TransportLayerControl",
        .max = 1},
-      enumeration(kTriggerSelector, "TriggerSelector", "AcquisitionControl", {{"FrameStart", 0}},
-                  {"TriggerMode", "TriggerSource", "TriggerActivation", "TriggerSoftware"}),
+      enumeration(
+          kTriggerSelector, "TriggerSelector", "AcquisitionControl", {{"FrameStart", 0}},
+          {"TriggerMode", "TriggerSource", "TriggerActivation", "TriggerSoftware", "TriggerDelay"}),
       enumeration(kTriggerMode, "TriggerMode", "AcquisitionControl", {{"Off", 0}, {"On", 1}}),
       enumeration(kTriggerSource, "TriggerSource", "AcquisitionControl",
                   {{"Software", value_of(TriggerSource::kSoftware)},
@@ -193,6 +194,12 @@ std::vector<Register> imaging_registers(const DeviceDescription& description) {
       enumeration(kTriggerActivation, "TriggerActivation", "AcquisitionControl",
                   activation_entries(description)),
       command(kTriggerSoftware, "TriggerSoftware", "AcquisitionControl"),
+      {.address = kTriggerDelay,
+       .name = "TriggerDelay",
+       .kind = Kind::kFloat,
+       .category = "AcquisitionControl",
+       .max = 1'000'000,
+       .unit = "us"},
       readable(kTriggerMissedCount, "TriggerMissedCount", "AcquisitionControl"),
       enumeration(kExposureMode, "ExposureMode", "AcquisitionControl",
                   {{"Timed", value_of(ExposureMode::kTimed)},
@@ -358,8 +365,10 @@ RegisterMap::RegisterMap(const DeviceDescription& description)
   if (const auto format = find_pixel_format(std::string_view(description.pixel_formats.front())))
     set(kPixelFormat, format->code);
   set_float(kExposureTime, 10'000);
-  set(kLineInverter, 1);  // as whoever used it last may have left it
-  set(kChunkEnable, 1);   // ChunkSelector stands at Image, which is always on
+  set_float(kGain, description.gain_db);
+  set_float(kTriggerDelay, kLeftTriggerDelay_us);
+  set(kLineInverter, 1);
+  set(kChunkEnable, 1);  // ChunkSelector stands at Image, which is always on
 }
 
 std::uint32_t RegisterMap::get(std::uint32_t address) const { return get32(&memory_[address]); }

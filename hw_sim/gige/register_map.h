@@ -72,6 +72,7 @@ enum RegisterAddress : std::uint32_t {
   kExposureAuto = 0xA050,
   kGain = 0xA054,
   kBlackLevel = 0xA058,
+  kTriggerDelay = 0xA05C,
   kChunkModeActive = 0xA060,
   kChunkSelector = 0xA064,
   kChunkEnable = 0xA068,
@@ -123,6 +124,10 @@ inline constexpr std::uint32_t kChunkBytes = 8;  // of each chunk but the image
 inline constexpr std::uint32_t kPacketSizeMin = 220;  // IP and UDP headers included
 inline constexpr std::uint32_t kPacketSizeMax = 16384;
 
+// What whoever used the camera last may have left of TriggerDelay and LineInverter, with which it
+// powers up.
+inline constexpr float kLeftTriggerDelay_us = 40'000;
+
 inline constexpr float kExposureMinUs = 10;
 inline constexpr float kExposureMaxUs = 10'000'000;
 
@@ -154,6 +159,7 @@ struct DeviceDescription {
   bool has_any_edge = true;                // TriggerActivation; else RisingEdge alone
   bool has_debouncer = true;               // LineDebouncerTime
   bool has_line_status = true;             // chunk LineStatusAll
+  float gain_db = 0;                       // at power-up
 };
 
 // Memory and its rules; what a write sets in motion is camera_model.h. Not thread-safe.

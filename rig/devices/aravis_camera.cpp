@@ -43,7 +43,7 @@ class AravisCamera::Impl {
   Impl(CameraSettings settings, EventSink& sink, GObjectPtr<ArvCamera> camera);
   ~Impl();
 
-  Result<void> configure();
+  Result<void> configure(const std::optional<CameraPast>& past);
   Result<void> arm(const std::vector<std::chrono::microseconds>& exposures, int frame_count);
   void disarm() noexcept;
   Result<CameraCounters> counters();
@@ -51,6 +51,7 @@ class AravisCamera::Impl {
   Result<void> trigger_software();
 
   const CameraIdentity& identity() const { return setup_.identity; }
+  CameraPast past() const { return {setup_.identity, setup_.look}; }
   int packet_size_bytes() const { return setup_.packet_size_bytes; }
 
  private:
@@ -127,8 +128,8 @@ AravisCamera::Impl::~Impl() {
   if (g_atomic_int_get(&device->ref_count) == 1) g_object_unref(device);
 }
 
-Result<void> AravisCamera::Impl::configure() {
-  Result<AravisSetup> setup = noting_loss(set_up(camera_.get(), settings_));
+Result<void> AravisCamera::Impl::configure(const std::optional<CameraPast>& past) {
+  Result<AravisSetup> setup = noting_loss(set_up(camera_.get(), settings_, past));
   if (!setup) return tl::unexpected(setup.error());
   setup_ = std::move(*setup);
   return {};
@@ -186,7 +187,11 @@ Result<void> AravisCamera::Impl::start_acquisition(int frame_count) {
   if (auto started = take_error(&error, "starting the acquisition"); !started) return started;
   // No pulse comes before arm() returns, so this is where both counters stand at zero pulses.
   const Result<std::int64_t> base = trigger_count();
-  if (!base) return tl::unexpected(base.error());
+  if (!base) {  // else it would run on, and be locked at the next arming
+    arv_camera_stop_acquisition(camera_.get(), &error);
+    g_clear_error(&error);
+    return tl::unexpected(base.error());
+  }
   trigger_base_ = *base;
   missed_base_ = features_.integer("TriggerMissedCount").value_or(0);
   acquisition_ = std::move(acquisition);
@@ -293,7 +298,8 @@ AravisCamera::AravisCamera(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) 
 AravisCamera::~AravisCamera() = default;
 
 Result<std::unique_ptr<AravisCamera>> AravisCamera::open(const CameraSettings& settings,
-                                                         EventSink& sink) {
+                                                         EventSink& sink,
+                                                         const std::optional<CameraPast>& past) {
   GError* error = nullptr;
   GObjectPtr<ArvCamera> camera(arv_camera_new(settings.address.c_str(), &error));
   if (auto opened = take_error(&error, "opening"); !opened || !camera)
@@ -302,7 +308,8 @@ Result<std::unique_ptr<AravisCamera>> AravisCamera::open(const CameraSettings& s
                        "; check its cable and power, and camera.address in the rig file" +
                        (opened ? "" : " (" + opened.error().detail + ")"));
   auto impl = std::make_unique<Impl>(settings, sink, std::move(camera));
-  if (auto configured = impl->configure(); !configured) return tl::unexpected(configured.error());
+  if (auto configured = impl->configure(past); !configured)
+    return tl::unexpected(configured.error());
   return std::unique_ptr<AravisCamera>(new AravisCamera(std::move(impl)));
 }
 
@@ -320,6 +327,8 @@ Result<CameraCounters> AravisCamera::counters() { return impl_->counters(); }
 Result<CameraClockSample> AravisCamera::read_clock() { return impl_->read_clock(); }
 
 Result<void> AravisCamera::trigger_software() { return impl_->trigger_software(); }
+
+CameraPast AravisCamera::past() const { return impl_->past(); }
 
 int AravisCamera::packet_size_bytes() const { return impl_->packet_size_bytes(); }
 

@@ -4,12 +4,22 @@
 
 #include <chrono>
 #include <memory>
+#include <optional>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "rig/camera.h"
 #include "rig/event.h"
 
 namespace rig {
+
+// A camera that was open, so that it can be opened as the same and set as it was.
+struct CameraPast {
+  CameraIdentity identity;
+  // What the rig file does not say: gain, black level, binning ...; features and values.
+  std::vector<std::pair<std::string, std::string>> look;
+};
 
 // Calls as in Camera: from the thread that runs the session. Starts one thread while armed, which
 // checks each buffer and posts it, and one to disarm; Aravis has its own for heartbeat and
@@ -21,12 +31,13 @@ namespace rig {
 // known to be lost takes a second, after which it is.
 class AravisCamera final : public Camera {
  public:
-  // Opens, takes control, verifies the serial number, writes and reads back every setting.
-  // Errors: kNotFound (no camera answers, or it has another serial number); kAccessDenied (another
+  // Opens, takes control, verifies the serial number, writes and reads back every setting. With
+  // `past` it must be the same camera as then, and is set as it was: one that lost its power has
+  // forgotten. Errors: kNotFound (no camera answers, or it is another one); kAccessDenied (another
   // program controls it); kUnsupported and kReadBackMismatch, naming the feature; kOutOfRange;
   // kDeviceLost.
-  static Result<std::unique_ptr<AravisCamera>> open(const CameraSettings& settings,
-                                                    EventSink& sink);
+  static Result<std::unique_ptr<AravisCamera>> open(const CameraSettings& settings, EventSink& sink,
+                                                    const std::optional<CameraPast>& past = {});
   ~AravisCamera() override;
 
   const CameraIdentity& identity() const override;
@@ -36,6 +47,7 @@ class AravisCamera final : public Camera {
   Result<CameraCounters> counters() override;
   Result<CameraClockSample> read_clock() override;
   Result<void> trigger_software() override;
+  CameraPast past() const;
   // What GigE Vision sends in one packet, headers included: as negotiated.
   int packet_size_bytes() const;
 

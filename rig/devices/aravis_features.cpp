@@ -137,6 +137,27 @@ Result<std::pair<std::int64_t, std::int64_t>> AravisFeatures::integer_bounds(
   return std::pair<std::int64_t, std::int64_t>(least, greatest);
 }
 
+Result<std::string> AravisFeatures::value(const std::string& name) const {
+  if (auto found = require(name); !found) return tl::unexpected(found.error());
+  ArvGcNode* const node = arv_device_get_feature(arv_camera_get_device(camera_), name.c_str());
+  GError* error = nullptr;
+  const char* value = arv_gc_feature_node_get_value_as_string(ARV_GC_FEATURE_NODE(node), &error);
+  if (auto read = take_error(&error, "reading " + name); !read) return tl::unexpected(read.error());
+  return std::string(value == nullptr ? "" : value);
+}
+
+Result<void> AravisFeatures::set_value(const std::string& name, const std::string& value) const {
+  if (auto found = require(name); !found) return found;
+  ArvGcNode* const node = arv_device_get_feature(arv_camera_get_device(camera_), name.c_str());
+  GError* error = nullptr;
+  arv_gc_feature_node_set_value_from_string(ARV_GC_FEATURE_NODE(node), value.c_str(), &error);
+  if (auto written = take_error(&error, "setting " + name + " to " + value); !written)
+    return written;
+  const Result<std::string> got = this->value(name);
+  if (!got) return tl::unexpected(got.error());
+  return *got == value ? Result<void>{} : not_taken(name, value, *got);
+}
+
 Result<void> AravisFeatures::set_text(const std::string& name, const std::string& value) const {
   if (auto found = require(name); !found) return found;
   GError* error = nullptr;
@@ -193,6 +214,13 @@ Result<void> AravisFeatures::execute(const std::string& name) const {
 Result<void> AravisFeatures::set_text_if_present(const std::string& name,
                                                  const std::string& value) const {
   return has(name) ? set_text(name, value) : Result<void>{};
+}
+
+Result<void> AravisFeatures::keep_text(const std::string& name, const std::string& value) const {
+  if (!has_entry(name, value)) return {};
+  const Result<std::string> present = text(name);
+  if (!present) return tl::unexpected(present.error());
+  return *present == value ? Result<void>{} : set_text(name, value);
 }
 
 bool AravisFeatures::set_entry_if_present(const std::string& name, const std::string& value) const {

@@ -36,14 +36,20 @@ class AravisFeatures {
   Result<std::pair<double, double>> number_bounds(const std::string& name) const;
   Result<std::pair<std::int64_t, std::int64_t>> integer_bounds(const std::string& name) const;
 
+  // Of any kind, as text.
+  Result<std::string> value(const std::string& name) const;
+
   Result<void> set_text(const std::string& name, const std::string& value) const;
   Result<void> set_integer(const std::string& name, std::int64_t value) const;
   Result<void> set_flag(const std::string& name, bool value) const;
   // The camera may round to `tolerance`.
   Result<void> set_number(const std::string& name, double value, double tolerance) const;
+  Result<void> set_value(const std::string& name, const std::string& value) const;
   Result<void> execute(const std::string& name) const;
   // Nothing where the camera has no such feature.
   Result<void> set_text_if_present(const std::string& name, const std::string& value) const;
+  // Written only if it differs: nothing where the camera has no such value, or has it.
+  Result<void> keep_text(const std::string& name, const std::string& value) const;
   // False where the camera has no such value, or does not take it.
   bool set_entry_if_present(const std::string& name, const std::string& value) const;
 

@@ -56,15 +56,17 @@ std::string inet_text(GSocketAddress* address) {
 // One call of set_up(): the camera in the making.
 class Setting {
  public:
-  Setting(ArvCamera* camera, const CameraSettings& settings)
-      : camera_(camera), features_(camera), settings_(settings) {}
+  Setting(ArvCamera* camera, const CameraSettings& settings, const std::optional<CameraPast>& past)
+      : camera_(camera), features_(camera), settings_(settings), past_(past) {}
 
   Result<AravisSetup> run() && {
     const Result<void> done = in_order(
         [&] { return check_controller(); }, [&] { return read_identity(); },
-        [&] { return stop_whatever_runs(); }, [&] { return set_pixel_format(); },
-        [&] { return set_region(); }, [&] { return set_packet_size(); },
-        [&] { return set_chunks(); }, [&] { return set_trigger(features_, settings_, setup_); });
+        [&] { return stop_whatever_runs(); },
+        [&] { return past_ ? restore_look(features_, past_->look) : Result<void>{}; },
+        [&] { return set_pixel_format(); }, [&] { return set_region(); },
+        [&] { return set_packet_size(); }, [&] { return set_chunks(); },
+        [&] { return set_trigger(features_, settings_, setup_); }, [&] { return take_look(); });
     if (!done) return tl::unexpected(done.error());
     return std::move(setup_);
   }
@@ -78,10 +80,12 @@ class Setting {
   Result<void> set_pixel_format();
   Result<void> set_packet_size();
   Result<void> set_chunks();
+  Result<void> take_look();
 
   ArvCamera* camera_;  // borrowed
   AravisFeatures features_;
   const CameraSettings& settings_;
+  const std::optional<CameraPast>& past_;
   AravisSetup setup_;
 };
 
@@ -115,6 +119,13 @@ Result<void> Setting::read_identity() {
   setup_.identity.serial = serial == nullptr ? "" : serial;
   for (const char* name : kFirmwareNames)
     if (setup_.identity.firmware.empty()) setup_.identity.firmware = text(name);
+  const auto kind = [](const CameraIdentity& identity) {
+    return identity.vendor + " " + identity.model + " " + identity.serial;
+  };
+  if (past_ && kind(past_->identity) != kind(setup_.identity))
+    return failure(Fault::kNotFound, name_of(settings_) + " is " + kind(setup_.identity) +
+                                         ", and no longer " + kind(past_->identity) +
+                                         "; connect that one again, or start anew with this one");
   if (settings_.serial.empty() || settings_.serial == setup_.identity.serial) return {};
   return failure(Fault::kNotFound, name_of(settings_) + " has serial number " +
                                        setup_.identity.serial + ", the rig file asks for " +
@@ -130,7 +141,11 @@ Result<void> Setting::stop_whatever_runs() {
       [&] { return features_.set_text_if_present("SequencerConfigurationMode", "Off"); },
       [&] { return features_.set_text_if_present("AcquisitionMode", "Continuous"); },
       [&] { return features_.set_text_if_present("ExposureAuto", "Off"); },
-      [&] { return features_.set_text_if_present("GainAuto", "Off"); });
+      [&] { return features_.set_text_if_present("GainAuto", "Off"); },
+      [&] { return features_.keep_text("BalanceWhiteAuto", "Off"); },
+      [&] { return features_.keep_text("BlackLevelAuto", "Off"); },
+      [&] { return features_.keep_text("TestPattern", "Off"); },
+      [&] { return features_.keep_text("TestImageSelector", "Off"); });
 }
 
 Result<void> Setting::set_region() {
@@ -212,10 +227,21 @@ Result<void> Setting::set_chunks() {
   return {};
 }
 
+// The same as before, if there was a before: what was set since may have changed it.
+Result<void> Setting::take_look() {
+  Result<CameraLook> look = read_look(features_);
+  if (!look) return tl::unexpected(look.error());
+  setup_.look = std::move(*look);
+  if (!past_ || setup_.look == past_->look) return {};
+  return failure(Fault::kReadBackMismatch,
+                 name_of(settings_) + " cannot be set as it was before it was lost; start anew");
+}
+
 }  // namespace
 
-Result<AravisSetup> set_up(ArvCamera* camera, const CameraSettings& settings) {
-  return Setting(camera, settings).run();
+Result<AravisSetup> set_up(ArvCamera* camera, const CameraSettings& settings,
+                           const std::optional<CameraPast>& past) {
+  return Setting(camera, settings, past).run();
 }
 
 std::string name_of(const CameraSettings& settings) {

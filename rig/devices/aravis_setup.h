@@ -2,11 +2,14 @@
 // back. Internal to the Aravis adapter.
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "rig/camera.h"
+#include "rig/devices/aravis_camera.h"
 #include "rig/devices/aravis_chunks.h"
 #include "rig/devices/aravis_features.h"
+#include "rig/devices/aravis_look.h"
 #include "rig/devices/aravis_stream.h"
 
 namespace rig {
@@ -14,6 +17,7 @@ namespace rig {
 // What a camera is and gives, once set up.
 struct AravisSetup {
   CameraIdentity identity;
+  CameraLook look;
   FrameFormat format;
   ChunkFeatures chunks;
   int packet_size_bytes = 0;
@@ -21,7 +25,9 @@ struct AravisSetup {
 };
 
 // Errors: those of AravisCamera::open(), but for a camera that does not answer.
-Result<AravisSetup> set_up(_ArvCamera* camera, const CameraSettings& settings);
+// `past`: of the camera that this must be, if it was open before.
+Result<AravisSetup> set_up(_ArvCamera* camera, const CameraSettings& settings,
+                           const std::optional<CameraPast>& past);
 
 // "the camera at ADDRESS", for messages.
 std::string name_of(const CameraSettings& settings);

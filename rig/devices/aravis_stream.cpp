@@ -216,6 +216,13 @@ std::optional<std::string> Acquisition::find_image_defect(ArvBuffer* buffer) con
         .append(size_text(width_px, height_px))
         .append(" instead of ")
         .append(size_text(format.width_px, format.height_px));
+  int row_padding_bytes = 0;
+  int end_padding_bytes = 0;
+  arv_buffer_get_image_padding(buffer, &row_padding_bytes, &end_padding_bytes);
+  if (row_padding_bytes != 0)
+    return std::string("has ")
+        .append(std::to_string(row_padding_bytes))
+        .append(" bytes behind each row; choose another width");
   if (arv_buffer_get_image_pixel_format(buffer) != format.pixel_format_code)
     return std::string("is not in ").append(format.pixel_format);
   std::size_t byte_count = 0;

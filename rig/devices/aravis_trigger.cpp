@@ -8,6 +8,9 @@
 namespace rig {
 namespace {
 
+// SFNC, and Basler's of before it.
+constexpr std::array<const char*, 2> kDelayNames{"TriggerDelay", "TriggerDelayAbs"};
+constexpr double kDelayRounding_us = 1;
 constexpr std::array<const char*, 2> kDebouncerNames{"LineDebouncerTime", "LineDebouncerTimeAbs"};
 constexpr double kDebounceRoundingFrac = 0.1;  // to the ticks of some clock of the camera's
 
@@ -24,7 +27,11 @@ class TriggerSetting {
   Result<void> set_counters();
   Result<void> set_line();
   Result<void> set_trigger_edge();
-  Result<void> set_line_level();
+  Result<void> set_least(const std::string& name);
+  Result<void> set_no_delay();
+  Result<void> set_line_upright();
+  void note_missing_level();
+  Result<void> set_no_debounce();
   Result<void> set_line_debounce();
   void note(const std::string& text);
 
@@ -59,14 +66,44 @@ Result<void> TriggerSetting::set_line() {
   return in_order([&] { return features_.set_text_if_present("TriggerSelector", "FrameStart"); },
                   [&] { return features_.set_text("TriggerMode", "On"); },
                   [&] { return features_.set_text("TriggerSource", settings_.trigger_line); },
+                  [&] { return set_no_delay(); }, [&] { return set_line_upright(); },
                   [&] { return set_trigger_edge(); });
+}
+
+// A delay that another program has left displaces every exposure alike: no comparison of times
+// shows it, and the frames may show the next picture.
+Result<void> TriggerSetting::set_no_delay() {
+  for (const char* name : kDelayNames)
+    if (features_.has(name))
+      if (auto set = set_least(name); !set) return set;
+  return {};
+}
+
+// A number of us.
+Result<void> TriggerSetting::set_least(const std::string& name) {
+  const auto bounds = features_.number_bounds(name);
+  if (!bounds) return tl::unexpected(bounds.error());
+  const Result<double> present_us = features_.number(name);
+  if (!present_us) return tl::unexpected(present_us.error());
+  if (*present_us <= bounds->first + kDelayRounding_us) return {};
+  return features_.set_number(name, bounds->first, kDelayRounding_us);
+}
+
+// An inverter that another program has left on makes the pulse's end the trigger, and turns what
+// the frames tell of the line's level.
+Result<void> TriggerSetting::set_line_upright() {
+  if (!features_.has_entry("LineSelector", settings_.trigger_line)) return {};
+  if (auto set = features_.set_text("LineSelector", settings_.trigger_line); !set) return set;
+  return features_.has("LineInverter") ? features_.set_flag("LineInverter", false) : Result<void>{};
 }
 
 // A photodiode on the line makes an edge of either kind in turn, so the camera must take both; and
 // only its own count of them proves that none was missed.
 Result<void> TriggerSetting::set_trigger_edge() {
   if (settings_.trigger_edge == TriggerEdge::kRising)
-    return features_.set_text_if_present("TriggerActivation", "RisingEdge");
+    return in_order(
+        [&] { return features_.set_text_if_present("TriggerActivation", "RisingEdge"); },
+        [&] { return set_no_debounce(); });
   constexpr const char* kRemedy =
       "; put a trigger box between, and set sequence.sync to \"trigger_box\" in the rig file";
   if (!features_.has_entry("TriggerActivation", "AnyEdge"))
@@ -78,19 +115,26 @@ Result<void> TriggerSetting::set_trigger_edge() {
                    name_of(settings_) +
                        " does not say with its frames how many triggers it has seen" + kRemedy);
   return in_order([&] { return features_.set_text("TriggerActivation", "AnyEdge"); },
-                  [&] { return set_line_level(); }, [&] { return set_line_debounce(); });
+                  [&] {
+                    note_missing_level();
+                    return set_line_debounce();
+                  });
 }
 
-// The frames are to tell the level as it is at the plug.
-Result<void> TriggerSetting::set_line_level() {
-  if (!setup_.identity.tells_line_level) {
+void TriggerSetting::note_missing_level() {
+  if (!setup_.identity.tells_line_level)
     note(name_of(settings_) + " does not say with its frames which level " +
          settings_.trigger_line +
          " had (chunk LineStatusAll): the display must keep time for a capture to be complete");
-    return {};
-  }
-  if (auto set = features_.set_text("LineSelector", settings_.trigger_line); !set) return set;
-  return features_.has("LineInverter") ? features_.set_flag("LineInverter", false) : Result<void>{};
+}
+
+// A box's pulses do not bounce, and are as short as the shortest exposure.
+Result<void> TriggerSetting::set_no_debounce() {
+  if (settings_.trigger_line == kSoftwareTrigger) return {};
+  for (const char* name : kDebouncerNames)
+    if (features_.has(name))
+      if (auto set = set_least(name); !set) return set;
+  return {};
 }
 
 void TriggerSetting::note(const std::string& text) {

@@ -184,6 +184,16 @@ TEST_F(CameraFaults, WrongSizeAndFormatAreFound) {
   EXPECT_EQ(damages_[1].block_id, 2U);
 }
 
+// The rows of a frame are read as if they lay next to each other.
+TEST_F(CameraFaults, PaddedRowsAreFound) {
+  ASSERT_NO_FATAL_FAILURE(open_and_arm(2));
+  faults().padded_frames = 1;
+  pulse(2);
+  expect(1, 1);
+  EXPECT_EQ(damages_[0].error.fault, rig::Fault::kFrameMalformed);
+  EXPECT_THAT(damages_[0].error.detail, HasSubstr("4 bytes behind each row"));
+}
+
 TEST_F(CameraFaults, LateFrameStillArrives) {
   ASSERT_NO_FATAL_FAILURE(open_and_arm(2));
   faults().late_frames = 1;
