@@ -150,7 +150,8 @@ estimation::Result<std::unique_ptr<SessionWriter>> CaptureJob::open_session() co
   if (!resumption_)
     return SessionWriter::create(options_.directory, manifest_, rig_file_.calibration_file,
                                  begin_line(rig_file_, plan_, make_own_take()));
-  return SessionWriter::go_on(resumption_->session, resumption_->manifest, resumption_->is_good);
+  return SessionWriter::go_on(resumption_->session, resumption_->manifest, resumption_->is_good,
+                              resumption_->journal_byte_count);
 }
 
 // What is to be shown; of a take that is resumed, what it lacks.

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <chrono>
-#include <fstream>
-#include <iterator>
+#include <cstddef>
+#include <cstdint>
 #include <system_error>
 #include <utility>
 
@@ -11,6 +11,7 @@
 #include "capture/session_plan.h"
 #include "capture/stored_pictures.h"
 #include "capture/stored_take.h"
+#include "estimation/session/file_reading.h"
 #include "estimation/session/frame_io.h"
 #include "nlohmann/json.hpp"
 
@@ -28,11 +29,10 @@ tl::unexpected<InputError> cannot_resume(const fs::path& session, const std::str
   return tl::unexpected(InputError{InputFault::kInvalid, session.string(), "", why});
 }
 
-std::string content_of(const fs::path& path) {
-  std::error_code unknown;
-  if (fs::is_directory(path, unknown)) return {};  // reading a folder throws
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
+// Empty for what cannot be read.
+std::vector<std::byte> content_of(const fs::path& path) {
+  constexpr std::uint64_t kLargestBytes = std::uint64_t{1} << 30U;
+  return estimation::read_file(path, kLargestBytes).value_or(std::vector<std::byte>());
 }
 
 // Gathers what differs, each a clause, and says no more than a few.
@@ -187,6 +187,8 @@ Result<Resumption> prepare_resumption(const rig::RigFile& rig_file, const Plan& 
                                       const Manifest& planned, const fs::path& session) {
   if (is_under_way(session))
     return cannot_resume(session, "is being captured at this moment; let that capture end");
+  std::error_code none;  // then it does not say how the take was begun, see below
+  const std::uintmax_t journal_byte_count = fs::file_size(session / "journal.jsonl", none);
   auto take = read_take(session, planned.frames);
   if (!take) return tl::unexpected(take.error());
   if (take->manifest.state == estimation::SessionState::kComplete)
@@ -203,6 +205,7 @@ Result<Resumption> prepare_resumption(const rig::RigFile& rig_file, const Plan& 
                                       "; put that back or capture anew");
   Resumption resumption;
   resumption.session = session;
+  resumption.journal_byte_count = journal_byte_count;
   resumption.manifest = take->manifest;
   resumption.manifest.state = estimation::SessionState::kCapturing;
   resumption.manifest.failure.reset();
@@ -218,6 +221,11 @@ Result<Resumption> prepare_resumption(const rig::RigFile& rig_file, const Plan& 
 }
 
 Result<void> set_damaged_aside(const Resumption& resumption) {
+  Manifest known = resumption.manifest;
+  known.frames.clear();
+  for (std::size_t i = 0; i < resumption.is_good.size(); ++i)
+    if (resumption.is_good[i]) known.frames.push_back(resumption.manifest.frames[i]);
+  if (const auto stored = store_manifest(resumption.session, known); !stored) return stored;
   for (const auto& [files, suffix] : {std::pair(&resumption.damaged_files, ".damaged"),
                                       std::pair(&resumption.wrong_files, ".wrong_picture")})
     for (const std::string& file : *files)

@@ -2,6 +2,7 @@
 // still as they were.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -19,6 +20,7 @@ namespace capture {
 
 struct Resumption {
   std::filesystem::path session;
+  std::uintmax_t journal_byte_count = 0;  // before anything was read
   estimation::Manifest manifest;  // a record a slot; the good ones as their frames were stored
   std::vector<bool> is_good;      // [pattern * brackets + bracket]: on the disk, and checked
   std::vector<std::string> damaged_files;         // under a slot's name, but not good
@@ -39,7 +41,8 @@ estimation::Result<Resumption> prepare_resumption(const rig::RigFile& rig_file, 
                                                   const estimation::Manifest& planned,
                                                   const std::filesystem::path& session);
 
-// Room for what comes under the names of files that are not good: they get ".damaged" or
+// From here on the session is being captured, as its manifest says, which names the good frames
+// alone. Then room for what comes under the names of the others: they get ".damaged" or
 // ".wrong_picture" appended, with a number where that is taken. Errors: kUnwritable.
 estimation::Result<void> set_damaged_aside(const Resumption& resumption);
 

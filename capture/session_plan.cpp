@@ -4,12 +4,11 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <fstream>
-#include <iterator>
 #include <system_error>
 #include <utility>
 
 #include "estimation/calibration/calibration_file.h"
+#include "estimation/session/file_reading.h"
 
 namespace capture {
 namespace {
@@ -29,16 +28,14 @@ Result<CalibrationFile> read_calibration(const rig::RigFile& rig_file) {
   if (name.empty())
     return tl::unexpected(InputError{InputFault::kInvalid, rig_file.path.string(), "calibration",
                                      "no calibration file; name one under [calibration] file"});
-  std::ifstream file(rig_file.calibration_file, std::ios::binary);
-  std::error_code unknown;  // then reading says why
-  if (!file || std::filesystem::is_directory(rig_file.calibration_file, unknown))  // it would throw
-    return tl::unexpected(
-        InputError{InputFault::kNotFound, name, "",
-                   "the calibration cannot be read; correct [calibration] file in the rig file"});
-  const std::string json{std::istreambuf_iterator<char>(file), {}};
-  auto calibration = estimation::parse_calibration(json, name);
+  const auto json = estimation::read_text(rig_file.calibration_file);
+  if (!json)
+    return tl::unexpected(InputError{json.error().fault, name, "",
+                                     "the calibration cannot be read (" + json.error().expectation +
+                                         "); correct [calibration] file in the rig file"});
+  auto calibration = estimation::parse_calibration(*json, name);
   if (!calibration) return tl::unexpected(calibration.error());
-  return CalibrationFile{std::move(*calibration), estimation::extra_calibration_keys(json)};
+  return CalibrationFile{std::move(*calibration), estimation::extra_calibration_keys(*json)};
 }
 
 estimation::SyncSquare place(const rig::ProjectorSettings& projector) {

@@ -35,13 +35,6 @@ tl::unexpected<InputError> unwritable(const fs::path& path, const std::string& c
                                    cause + "; make room or choose another folder"});
 }
 
-Result<void> write_manifest(const fs::path& folder, const Manifest& manifest) {
-  const std::string json = estimation::format_manifest(manifest);
-  std::vector<std::byte> bytes(json.size());
-  std::memcpy(bytes.data(), json.data(), json.size());
-  return estimation::write_file_atomically(folder / "session.json", bytes);
-}
-
 // A file without a name that takes up as much room as the manifest of a whole session will; -1
 // where the file system knows no such file.
 int reserve_room(const fs::path& folder, const Manifest& plan) {
@@ -130,7 +123,7 @@ Result<std::unique_ptr<SessionWriter>> SessionWriter::create(const fs::path& dir
       return tl::unexpected(copied.error());
     Manifest empty = plan;
     empty.frames.clear();
-    if (const auto written = write_manifest(*folder, empty); !written)
+    if (const auto written = store_manifest(*folder, empty); !written)
       return tl::unexpected(written.error());
     return Files{std::move(journal), Descriptor(reserve_room(*folder, plan))};
   };
@@ -146,16 +139,21 @@ Result<std::unique_ptr<SessionWriter>> SessionWriter::create(const fs::path& dir
 }
 
 Result<std::unique_ptr<SessionWriter>> SessionWriter::go_on(const fs::path& folder, Manifest plan,
-                                                            std::vector<bool> is_stored) {
+                                                            std::vector<bool> is_stored,
+                                                            std::uintmax_t journal_byte_count) {
   const fs::path path = folder / "journal.jsonl";
-  Descriptor journal(::open(path.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666));
+  Descriptor journal(::open(path.c_str(), O_RDWR | O_APPEND | O_CLOEXEC));
   if (!journal.is_open()) return unwritable(path, std::strerror(errno));
   if (::flock(journal.number(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
     return tl::unexpected(InputError{InputFault::kUnwritable, folder.string(), "",
                                      "another ssrig is capturing into it; let that one end"});
+  const off_t end = ::lseek(journal.number(), 0, SEEK_END);
+  if (end < 0 || static_cast<std::uintmax_t>(end) != journal_byte_count)
+    return tl::unexpected(InputError{InputFault::kUnwritable, folder.string(), "",
+                                     "another ssrig has gone on with it meanwhile; see what it "
+                                     "lacks with ssrig verify, and start again"});
   // A power cut may have left half a line; what follows starts on its own.
   char last = '\n';
-  const off_t end = ::lseek(journal.number(), 0, SEEK_END);
   if (end > 0) std::ignore = ::pread(journal.number(), &last, 1, end - 1);
   if (last != '\n' && !write_all(journal.number(), "\n"))
     return unwritable(path, std::strerror(errno));
@@ -247,6 +245,10 @@ void SessionWriter::store(SlotId wrong) {
 Result<SessionWriter::StoredFile> SessionWriter::store_pixels(const CapturedFrame& frame,
                                                               const std::string& file) {
   const FrameSamples samples(*frame.frame);
+  std::error_code unknown;
+  // set_aside() has been through here: whatever else has the slot's name was not stored by us.
+  if (fs::exists(fs::symlink_status(folder_ / file, unknown)))
+    return unwritable(folder_ / file, "is there already, and nothing captured is overwritten");
   const auto tiff =
       estimation::encode_frame_tiff(samples.view(), manifest_.camera.pixel_format.bit_depth);
   if (!tiff) return tl::unexpected(tiff.error());
@@ -282,7 +284,7 @@ Result<void> SessionWriter::finish(SessionState state,
   written.frames.clear();
   for (std::size_t i = 0; i < manifest_.frames.size(); ++i)
     if (is_stored_[i]) written.frames.push_back(manifest_.frames[i]);
-  const auto result = write_manifest(folder_, written);
+  const auto result = store_manifest(folder_, written);
   if (unstored) return tl::unexpected(*unstored);
   return result;
 }

@@ -2,6 +2,7 @@
 // and journal as they come, manifest again at the end.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <mutex>
@@ -21,8 +22,8 @@ namespace capture {
 
 // Calls come from the session thread; frames and journal lines are written by a thread of its own.
 // Frames never wait in vain: the queue has room for every slot of the plan, and what was taken is
-// written even when the capture is aborted. Each frame file is whole or absent. While one exists,
-// the journal is locked (flock): is_under_way() in capture/stored_take.h sees it.
+// written even when the capture is aborted. Each frame file is whole or absent, and replaces none.
+// While one exists, the journal is locked (flock): is_under_way() in capture/stored_take.h sees it.
 class SessionWriter {
  public:
   // Makes a new folder in `directory`, never an existing one: with a name that is taken, "-2",
@@ -34,11 +35,13 @@ class SessionWriter {
       const std::filesystem::path& directory, estimation::Manifest plan,
       const std::filesystem::path& calibration_file, const std::string& first_line);
   // Goes on with a session that is there: `plan` has a record for every slot, `is_stored` says
-  // which of them are on the disk already, with all that their records shall say. The journal goes
-  // on where it ended; nothing else is touched before the first write(). Errors: kUnwritable, also
-  // where another process has the session open.
+  // which of them are on the disk already, with all that their records shall say, and
+  // `journal_byte_count` how long the journal was when that was found out. The journal goes on
+  // where it ended; nothing else is touched before the first write(). Errors: kUnwritable, also
+  // where another process has the session open, or had since.
   static estimation::Result<std::unique_ptr<SessionWriter>> go_on(
-      const std::filesystem::path& folder, estimation::Manifest plan, std::vector<bool> is_stored);
+      const std::filesystem::path& folder, estimation::Manifest plan, std::vector<bool> is_stored,
+      std::uintmax_t journal_byte_count);
   ~SessionWriter();
   SessionWriter(const SessionWriter&) = delete;
   SessionWriter& operator=(const SessionWriter&) = delete;

@@ -7,11 +7,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <fstream>
-#include <iterator>
 #include <system_error>
 #include <utility>
 
+#include "estimation/session/file_reading.h"
 #include "estimation/session/frame_io.h"
 #include "nlohmann/json.hpp"
 
@@ -97,14 +96,16 @@ void read_line(const Json& line, Journal& journal) {
   }
 }
 
-std::optional<std::vector<std::byte>> read_bytes(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::error_code unknown;
-  if (!file || fs::is_directory(path, unknown)) return std::nullopt;  // reading a folder throws
-  const std::string content{std::istreambuf_iterator<char>(file), {}};
-  std::vector<std::byte> bytes(content.size());
-  std::memcpy(bytes.data(), content.data(), content.size());
-  return bytes;
+// What was written down of a slot when its frame was stored: in the journal, else in the manifest
+// of a take that came to an end.
+std::optional<estimation::FrameRecord> find_record(const estimation::Manifest& manifest,
+                                                   const std::string& file,
+                                                   const Journal& journal) {
+  const auto told = journal.frames.find(file);
+  if (told != journal.frames.end() && told->second.record.sha256) return told->second.record;
+  for (const estimation::FrameRecord& record : manifest.frames)
+    if (record.file == file && record.sha256) return record;
+  return std::nullopt;
 }
 
 // The record of a slot whose file is good, else nullopt.
@@ -112,13 +113,17 @@ std::optional<estimation::FrameRecord> check_slot(const fs::path& session,
                                                   const estimation::Manifest& manifest,
                                                   const estimation::FrameRecord& planned,
                                                   const Journal& journal) {
-  const auto bytes = read_bytes(session / planned.file);
+  const auto path = estimation::resolve_in_session(session, planned.file, "");
+  if (!path) return std::nullopt;
+  constexpr std::uint64_t kLargestFrameBytes = std::uint64_t{2} << 30U;
+  const auto bytes = estimation::read_file(*path, kLargestFrameBytes);
   if (!bytes) return std::nullopt;
   const std::string found_hash = estimation::sha256_hex(*bytes);
-  const auto told = journal.frames.find(planned.file);
-  if (told != journal.frames.end() && told->second.record.sha256) {
-    if (*told->second.record.sha256 != found_hash) return std::nullopt;
-    return told->second.record;
+  if (auto told = find_record(manifest, planned.file, journal)) {
+    const bool is_of_slot =
+        told->pattern == planned.pattern && told->exposure_us == planned.exposure_us;
+    if (!is_of_slot || told->sha256 != found_hash) return std::nullopt;
+    return told;
   }
   // Killed between the frame and its line: the file is whole or absent, but see it decoded.
   if (!estimation::read_frame(session, manifest, planned.file)) return std::nullopt;
@@ -142,15 +147,12 @@ Journal parse_journal(std::string_view text) {
 
 Journal read_journal(const fs::path& session) {
   const fs::path path = session / "journal.jsonl";
-  std::error_code unknown;
-  if (!fs::is_regular_file(path, unknown)) return {};  // reading a folder throws
-  std::ifstream file(path, std::ios::binary);
-  const std::string text{std::istreambuf_iterator<char>(file), {}};
-  return parse_journal(text);
+  return parse_journal(estimation::read_text(path).value_or(""));
 }
 
 bool is_under_way(const fs::path& session) {
-  const int journal = ::open((session / "journal.jsonl").c_str(), O_RDONLY | O_CLOEXEC);
+  const int journal =
+      ::open((session / "journal.jsonl").c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (journal < 0) return false;
   const bool is_locked = ::flock(journal, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
   ::close(journal);
@@ -175,6 +177,14 @@ estimation::Result<fs::path> set_aside(const fs::path& file, const std::string& 
   return aside;
 }
 
+estimation::Result<void> store_manifest(const fs::path& session,
+                                        const estimation::Manifest& manifest) {
+  const std::string json = estimation::format_manifest(manifest);
+  std::vector<std::byte> bytes(json.size());
+  std::memcpy(bytes.data(), json.data(), json.size());
+  return estimation::write_file_atomically(session / "session.json", bytes);
+}
+
 estimation::Result<StoredTake> read_take(const fs::path& session,
                                          const std::vector<estimation::FrameRecord>& planned) {
   auto manifest = estimation::read_manifest(session);
@@ -185,8 +195,9 @@ estimation::Result<StoredTake> read_take(const fs::path& session,
   for (const estimation::FrameRecord& slot : planned) {
     take.slots.push_back(check_slot(session, take.manifest, slot, take.journal));
     std::error_code error;
-    if (!take.slots.back() && fs::exists(session / slot.file, error))
-      take.damaged_files.push_back(slot.file);
+    // Of a link to nothing too: it has the slot's name.
+    const auto there = fs::symlink_status(session / slot.file, error);
+    if (!take.slots.back() && fs::exists(there)) take.damaged_files.push_back(slot.file);
   }
   return take;
 }

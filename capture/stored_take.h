@@ -44,8 +44,8 @@ bool is_under_way(const std::filesystem::path& session);
 struct StoredTake {
   estimation::Manifest manifest;  // as it stands on the disk
   Journal journal;
-  // [pattern * brackets + bracket] of those that are good: read whole, and as the journal's
-  // checksum says or, where it has none, such as can be decoded.
+  // [pattern * brackets + bracket] of those that are good: read whole, and as the checksum of the
+  // journal or the manifest says or, where they have none, such as can be decoded.
   std::vector<std::optional<estimation::FrameRecord>> slots;
   std::vector<std::string> damaged_files;  // under a slot's name, but not good
 
@@ -56,6 +56,10 @@ struct StoredTake {
 // is taken; returns it. Errors: kUnwritable.
 estimation::Result<std::filesystem::path> set_aside(const std::filesystem::path& file,
                                                     const std::string& suffix);
+
+// Replaces the session's manifest: the old one or the new one is there, whole. Errors: kUnwritable.
+estimation::Result<void> store_manifest(const std::filesystem::path& session,
+                                        const estimation::Manifest& manifest);
 
 // Reads and checks every frame that is there. `planned` names the slots' files. Error: no manifest
 // that can be read.

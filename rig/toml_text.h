@@ -12,7 +12,7 @@
 namespace rig {
 
 // The text of a file. Errors: kConfiguration, naming the file and `remedy`, if it cannot be read or
-// is a folder.
+// is no regular file. Of a text beyond all measure it returns as much as parse_toml() refuses.
 Result<std::string> read_text(const std::filesystem::path& file, std::string_view remedy);
 
 // The text's table; `file` is named in it. Errors: kConfiguration with file and line, for what is

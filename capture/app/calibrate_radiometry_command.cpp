@@ -2,8 +2,6 @@
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <memory>
 #include <string>
 #include <vector>
@@ -12,6 +10,7 @@
 #include "capture/app/console.h"
 #include "capture/calibrate/radiometry_job.h"
 #include "estimation/calibration/calibration_file.h"
+#include "estimation/session/file_reading.h"
 #include "estimation/session/manifest.h"
 
 namespace capture {
@@ -50,11 +49,9 @@ ExitCode calibrate_radiometry(RadiometryArguments arguments) {
   const fs::path out = arguments.out.empty() ? geometry_file : fs::path(arguments.out);
   std::error_code unknown;  // then reading says why
   const fs::path before = fs::exists(out, unknown) ? out : geometry_file;
-  std::ifstream file(before, std::ios::binary);
-  const bool is_readable = file && !fs::is_directory(before, unknown);  // reading a folder throws
-  const std::string text =
-      is_readable ? std::string(std::istreambuf_iterator<char>(file), {}) : std::string();
-  const auto geometry = estimation::parse_calibration(text, before.string());
+  const auto text = estimation::read_text(before);
+  const auto geometry =
+      text ? estimation::parse_calibration(*text, before.string()) : tl::unexpected(text.error());
   if (!geometry) {
     complain(geometry.error().text() + "; calibrate the geometry first");
     return ExitCode::kUsage;
@@ -77,7 +74,7 @@ ExitCode calibrate_radiometry(RadiometryArguments arguments) {
   for (const std::string& warning : job->warnings())
     std::fprintf(stderr, "warning: %s\n", warning.c_str());
   if (before != out)
-    if (const auto copied = estimation::save_text(out, text); !copied)
+    if (const auto copied = estimation::save_text(out, *text); !copied)
       return refuse(copied.error());
   const auto kept = job->store(out, now);
   if (!kept) return refuse(kept.error());

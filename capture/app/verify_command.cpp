@@ -45,9 +45,11 @@ void check_pictures_of(const std::string& session, estimation::VerifyReport& rep
     report.problems.push_back(check.error());
     return;
   }
-  for (const auto& wrong : check->wrong)
-    report.problems.push_back({estimation::InputFault::kInvalid, session, "",
-                               estimation::PictureCheck{{wrong}, {}, 0}.text()});
+  for (const auto& wrong : check->wrong) {
+    estimation::PictureCheck alone;
+    alone.wrong = {wrong};
+    report.problems.push_back({estimation::InputFault::kInvalid, session, "", alone.text()});
+  }
   report.notes.push_back(check->text());
   std::map<std::string, std::set<int>> patterns;  // by why
   for (const auto& each : check->unchecked) patterns[each.why].insert(each.pattern);

@@ -1,7 +1,5 @@
 #include "capture/calibrate/geometry_job.h"
 
-#include <fstream>
-#include <iterator>
 #include <system_error>
 #include <utility>
 
@@ -10,6 +8,7 @@
 #include "estimation/calibration/calibration_file.h"
 #include "estimation/calibration/geometry_pictures.h"
 #include "estimation/calibration/report_page.h"
+#include "estimation/session/file_reading.h"
 #include "nlohmann/json.hpp"
 
 namespace capture {
@@ -133,13 +132,13 @@ std::string GeometryJob::record_json(std::chrono::system_clock::time_point now) 
 
 Result<fs::path> GeometryJob::store(const fs::path& path,
                                     std::chrono::system_clock::time_point now) const {
-  std::ifstream file(path, std::ios::binary);
-  std::error_code unknown;
-  const bool is_readable = file && !fs::is_directory(path, unknown);  // reading a folder throws
-  const std::string before =
-      is_readable ? std::string(std::istreambuf_iterator<char>(file), {}) : std::string();
-  const auto text = estimation::format_calibration(
-      before, fit_->calibration, {estimation::CalibrationPart::kGeometry, record_json(now)});
+  const auto before = estimation::read_text(path);
+  // What is there and cannot be read may hold a radiometry that is not to be lost.
+  if (!before && before.error().fault != estimation::InputFault::kNotFound)
+    return tl::unexpected(before.error());
+  const auto text =
+      estimation::format_calibration(before.value_or(""), fit_->calibration,
+                                     {estimation::CalibrationPart::kGeometry, record_json(now)});
   if (!text) {
     InputError error = text.error();
     error.file = path.string();

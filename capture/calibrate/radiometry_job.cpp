@@ -2,8 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <system_error>
 #include <utility>
 
@@ -12,6 +10,7 @@
 #include "estimation/calibration/calibration_file.h"
 #include "estimation/calibration/radiometry_pictures.h"
 #include "estimation/calibration/report_page.h"
+#include "estimation/session/file_reading.h"
 #include "estimation/session/maps.h"
 #include "nlohmann/json.hpp"
 
@@ -38,13 +37,6 @@ InputError named(InputError error, const std::string& session) {
   return error;
 }
 
-std::string read_text(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::error_code unknown;
-  const bool is_readable = file && !fs::is_directory(path, unknown);  // reading a folder throws
-  return is_readable ? std::string(std::istreambuf_iterator<char>(file), {}) : std::string();
-}
-
 Json json_of(const Measured& measured) { return {{"value", measured.value}, {"sd", measured.sd}}; }
 
 bool read_color(const Json& json, estimation::Vec3& color) {
@@ -62,7 +54,9 @@ Result<estimation::ColorFit> read_colors(const std::string& path) {
   const auto wrong = [&path](const std::string& expectation) {
     return tl::unexpected(InputError{InputFault::kInvalid, path, "", expectation});
   };
-  const Json json = Json::parse(read_text(path), nullptr, false);
+  const auto text = estimation::read_text(path);
+  if (!text) return tl::unexpected(text.error());
+  const Json json = Json::parse(*text, nullptr, false);
   if (json.is_object() && json.contains("primaries")) {
     estimation::Mat3 camera_by_primary;
     const Json& primaries = json["primaries"];
@@ -289,8 +283,9 @@ std::string RadiometryJob::record_json(std::chrono::system_clock::time_point now
 
 Result<fs::path> RadiometryJob::store(const fs::path& path,
                                       std::chrono::system_clock::time_point now) const {
-  const std::string before = read_text(path);
-  auto calibration = estimation::parse_calibration(before, path.string());
+  const auto before = estimation::read_text(path);
+  if (!before) return tl::unexpected(before.error());
+  auto calibration = estimation::parse_calibration(*before, path.string());
   if (!calibration) return tl::unexpected(calibration.error());
   const auto beside = [&](const char* what) {
     std::string name = path.stem().string();
@@ -335,7 +330,7 @@ Result<fs::path> RadiometryJob::store(const fs::path& path,
   }
   if (color_) calibration->color_matrix = color_->matrix;
   const auto text = estimation::format_calibration(
-      before, *calibration, {estimation::CalibrationPart::kRadiometry, record_json(now)});
+      *before, *calibration, {estimation::CalibrationPart::kRadiometry, record_json(now)});
   if (!text) return tl::unexpected(named(text.error(), path.string()));
   return estimation::write_calibration(path, *text);
 }

@@ -18,7 +18,7 @@
 
 #include "estimation/base/check.h"
 #include "estimation/session/exr_header.h"
-#include "estimation/session/files.h"
+#include "estimation/session/file_reading.h"
 #include "estimation/session/frame_io.h"
 #include "estimation/session/manifest_parts.h"
 #include "estimation/session/maps.h"

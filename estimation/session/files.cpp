@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "estimation/base/check.h"
+#include "estimation/session/file_reading.h"
 #include "estimation/session/frame_io.h"
 #include "estimation/session/manifest.h"
 
@@ -150,6 +151,12 @@ Result<std::vector<std::byte>> read_file(const fs::path& path, std::uint64_t max
   }
   bytes.resize(done);
   return bytes;
+}
+
+Result<std::string> read_text(const fs::path& path) {
+  const auto bytes = read_file(path, kLargestTextBytes);
+  if (!bytes) return tl::unexpected(bytes.error());
+  return std::string(reinterpret_cast<const char*>(bytes->data()), bytes->size());
 }
 
 std::string sha256_hex(const std::vector<std::byte>& bytes) {

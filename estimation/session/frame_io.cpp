@@ -6,7 +6,7 @@
 #include <limits>
 #include <span>
 
-#include "estimation/session/files.h"
+#include "estimation/session/file_reading.h"
 #include "estimation/session/frame_decode.h"
 #include "estimation/session/image_file.h"
 #include "estimation/session/manifest_parts.h"

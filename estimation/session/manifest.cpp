@@ -10,14 +10,11 @@
 #include <utility>
 
 #include "estimation/base/check.h"
-#include "estimation/session/files.h"
+#include "estimation/session/file_reading.h"
 #include "estimation/session/manifest_parts.h"
 
 namespace estimation {
 namespace {
-
-// 100 bytes a frame record: room for three hundred thousand frames.
-constexpr std::uint64_t kLargestManifestBytes = std::uint64_t{32} << 20;
 
 constexpr std::array<std::pair<SessionState, std::string_view>, 5> kStateNames{{
     {SessionState::kCapturing, "capturing"},
@@ -416,10 +413,9 @@ Result<Manifest> parse_manifest(std::string_view json, const std::string& file) 
 
 Result<Manifest> read_manifest(const std::filesystem::path& session) {
   const std::filesystem::path path = session / "session.json";
-  const Result<std::vector<std::byte>> bytes = read_file(path, kLargestManifestBytes);
-  if (!bytes) return tl::unexpected(bytes.error());
-  const std::string text(reinterpret_cast<const char*>(bytes->data()), bytes->size());
-  return parse_manifest(text, path.string());
+  const Result<std::string> text = read_text(path);
+  if (!text) return tl::unexpected(text.error());
+  return parse_manifest(*text, path.string());
 }
 
 }  // namespace estimation

@@ -8,7 +8,7 @@
 #include <system_error>
 #include <tuple>
 
-#include "estimation/session/files.h"
+#include "estimation/session/file_reading.h"
 #include "estimation/session/frame_decode.h"
 #include "estimation/session/frame_io.h"
 #include "estimation/session/image_file.h"

@@ -1,11 +1,9 @@
 #include "hw_sim/world/simulated_rig.h"
 
-#include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <string>
-#include <system_error>
 #include <utility>
+
+#include "estimation/session/file_reading.h"
 
 namespace hw_sim {
 
@@ -15,15 +13,13 @@ rig::Result<estimation::Calibration> read_calibration(const rig::RigFile& rig) {
   if (rig.calibration_file.empty())
     return rig::failure(rig::Fault::kConfiguration,
                         rig.path.string() + ": a simulated rig needs a calibration file");
-  std::ifstream file(rig.calibration_file);
-  std::error_code unknown;  // then reading says why
-  if (!file || std::filesystem::is_directory(rig.calibration_file, unknown))  // it would throw
+  const auto text = estimation::read_text(rig.calibration_file);
+  if (!text)
     return rig::failure(rig::Fault::kConfiguration,
-                        "cannot read calibration file " + rig.calibration_file.string() +
+                        "cannot read calibration file " + text.error().text() +
                             "; correct [calibration] file in the rig file");
-  const std::string text{std::istreambuf_iterator<char>(file), {}};
   estimation::Result<estimation::Calibration> calibration =
-      estimation::parse_calibration(text, rig.calibration_file.string());
+      estimation::parse_calibration(*text, rig.calibration_file.string());
   if (!calibration) return rig::failure(rig::Fault::kConfiguration, calibration.error().text());
   return *std::move(calibration);
 }

@@ -2,8 +2,14 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
+#include <cstdint>
 #include <filesystem>
+#include <fstream>
+#include <string>
+
+#include "tests/temporary_folder.h"
 
 namespace {
 
@@ -37,13 +43,27 @@ TEST(TomlText, TextBeyondAllMeasureIsRefused) {
   EXPECT_THAT(error_of(text), HasSubstr("1 MiB"));
 }
 
-TEST(TomlText, AFolderOrNothingCannotBeRead) {
+TEST(TomlText, WhatIsNoFileCannotBeRead) {
+  const test_support::TemporaryFolder folder;
+  const std::filesystem::path pipe = folder.path() / "pipe";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);  // nobody writes
   for (const std::filesystem::path& file :
-       {std::filesystem::temp_directory_path(), std::filesystem::path("/nowhere/some.toml")}) {
+       {folder.path(), folder.path() / "nowhere.toml", pipe, std::filesystem::path("/dev/zero")}) {
     const auto text = rig::read_text(file, "name another");
     ASSERT_FALSE(text);
-    EXPECT_THAT(text.error().detail, HasSubstr(file.string() + ": cannot be read; name another"));
+    EXPECT_THAT(text.error().detail, HasSubstr(file.string() + ": cannot be read"));
+    EXPECT_THAT(text.error().detail, HasSubstr("; name another"));
   }
+}
+
+TEST(TomlText, OfAFileBeyondAllMeasureOnlyTheBeginningIsRead) {
+  const test_support::TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "long.toml";
+  std::ofstream(file) << "# long";
+  std::filesystem::resize_file(file, std::uintmax_t{1} << 40U);  // holes
+  const auto text = rig::read_text(file, "name another");
+  ASSERT_TRUE(text);
+  EXPECT_THAT(error_of(*text), HasSubstr("1 MiB"));
 }
 
 }  // namespace
