@@ -131,7 +131,9 @@ void swap_buffers(Display* display, GLXDrawable drawable) {
   real(display, drawable);
   gl_finish();
   XSync(display, False);  // the pixels are in the X server when we return
-  state().last_blank = blank;
+  // On a busy computer they may have missed the blank that was waited for, and are in the scan-out
+  // since a later one: a driver tells of that.
+  state().last_blank = std::max(blank, scanout().blank_at(Clock::now()));
   ++state().swap_count;
 }
 
