@@ -104,6 +104,12 @@ void add_maps(const estimation::Result<estimation::SessionEstimate>& estimated,
     result.pictures.push_back(picture.lexically_relative(result.session).string());
 }
 
+estimation::MotionRules motion_rules(bool is_shuffled) {
+  estimation::MotionRules rules;
+  rules.is_shuffled = is_shuffled;
+  return rules;
+}
+
 // Told of a failure where the session stays as it is.
 CaptureResult unfinished(const std::filesystem::path& session, ExitCode exit_code,
                          std::string message) {
@@ -154,61 +160,63 @@ estimation::Result<std::unique_ptr<SessionWriter>> CaptureJob::open_session() co
                               resumption_->journal_byte_count);
 }
 
+// Calibrations take frames alone, of what does not breathe.
+int CaptureJob::repeat_every() const {
+  return options_.product == CaptureProduct::kMaps ? rig_file_.sequence.repeat_every : 0;
+}
+
 // What is to be shown; of a take that is resumed, what it lacks.
 Take CaptureJob::make_own_take() const {
-  // Calibrations take frames alone, of what does not breathe.
-  const int repeat_every =
-      options_.product == CaptureProduct::kMaps ? rig_file_.sequence.repeat_every : 0;
-  if (!resumption_) return make_take(plan_, repeat_every);
+  if (!resumption_) return make_take(plan_, repeat_every());
   return make_take(plan_, resumption_->is_open(),
-                   resumption_->known_pattern(plan_).value_or(plan_.order.front()), repeat_every);
+                   resumption_->known_pattern(plan_).value_or(plan_.order.front()), repeat_every());
 }
 
-// nullptr: nothing is repeated.
-std::unique_ptr<MotionWatch> CaptureJob::make_watch(const Take& take, bool is_shuffled) const {
-  if (!take.repeated) return nullptr;
+// Of one run: every frame, and the first showing's once more.
+std::size_t CaptureJob::most_waiting_frames() const {
+  return static_cast<std::size_t>(make_take(plan_, repeat_every()).plan.slot_count()) +
+         plan_.exposures.size();
+}
+
+// Of a resumed take, the first showing is on the disk, as far as it is there.
+std::unique_ptr<MotionWatch> CaptureJob::make_watch() const {
+  const auto known = resumption_ ? resumption_->known_pattern(plan_) : std::nullopt;
+  const int pattern = known.value_or(plan_.order.front());
   const std::size_t bracket_count = plan_.exposures.size();
-  const bool is_known = resumption_ && good_bracket_count(*resumption_, *take.repeated) > 0;
-  const std::size_t known_count =
-      is_known ? good_bracket_count(*resumption_, *take.repeated) : bracket_count;
-  return std::make_unique<MotionWatch>(
-      manifest_, *take.repeated, known_count,
-      // Every frame, and the first showing's once more.
-      static_cast<std::size_t>(take.plan.slot_count()) + bracket_count, is_shuffled);
+  std::vector<int> brackets;
+  for (std::size_t bracket = 0; bracket < bracket_count; ++bracket)
+    if (!known || resumption_->is_good[static_cast<std::size_t>(pattern) * bracket_count + bracket])
+      brackets.push_back(static_cast<int>(bracket));
+  return std::make_unique<MotionWatch>(manifest_, pattern, std::move(brackets),
+                                       most_waiting_frames());
 }
 
-std::unique_ptr<PictureWatch> CaptureJob::make_picture_watch(const Take& take) const {
-  const int frame_count = std::max(take.plan.slot_count(), plan_.slot_count());
-  return std::make_unique<PictureWatch>(manifest_, static_cast<std::size_t>(frame_count));
-}
-
-// Has rig or subject moved since the take was interrupted? Nullopt: no, and `repeats` has the
-// comparison; or there is nothing to compare with.
-std::optional<CaptureResult> CaptureJob::check_nothing_moved(
-    Devices devices, const std::stop_token& stop, SessionWriter& writer, ProgressTeller& teller,
-    std::vector<estimation::Repeat>& repeats) const {
+// Has rig or subject moved since the take was interrupted? Nullopt: no, or there is nothing to
+// compare with.
+std::optional<CaptureResult> CaptureJob::check_nothing_moved(Devices devices,
+                                                             const std::stop_token& stop,
+                                                             SessionWriter& writer,
+                                                             MotionWatch& watch,
+                                                             ProgressTeller& teller) const {
   const auto known = resumption_->known_pattern(plan_);
   if (!known || resumption_->good_count() == plan_.slot_count()) return std::nullopt;
   const Take check = make_repeat(plan_, *known);
-  // A step between two halves of a sweep costs what drift in order does.
-  const auto watch = make_watch(check, false);
   const auto& session = resumption_->session;
-  if (const auto shown = show_first(*resumption_, *known, *watch); !shown)
+  if (const auto shown = show_first(*resumption_, *known, watch); !shown)
     return unfinished(session, ExitCode::kFailed, shown.error().text());
   writer.journal(resume_line(resumption_->good_count(), check));
   const RunResult run =
-      run_take(devices, rig_file_, check, {writer, nullptr, watch.get()}, stop, teller);
+      run_take(devices, rig_file_, check, {writer, nullptr, &watch}, stop, teller);
   if (run.outcome != Outcome::kComplete)
     return unfinished(session, exit_code_of(run),
                       run.outcome == Outcome::kAborted
                           ? "aborted; the take is as it was"
                           : "the take is as it was: " + run.failure->text);
-  estimation::MotionReport report = watch->finish();
+  // A step between two halves of a sweep costs what drift in order does.
+  const estimation::MotionReport report = watch.judge(motion_rules(false));
   if (report.verdict == estimation::MotionVerdict::kGood ||
-      report.verdict == estimation::MotionVerdict::kUsable) {
-    repeats = std::move(report.repeats);
+      report.verdict == estimation::MotionVerdict::kUsable)
     return std::nullopt;
-  }
   std::string text = "the take cannot be finished, for things are no longer as they were: ";
   for (std::size_t i = 0; i < report.reasons.size(); ++i)
     text.append(i == 0 ? "" : "; ").append(report.reasons[i]);
@@ -225,9 +233,9 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
   if (!writer) return refusal(ExitCode::kStorage, writer.error().text());
   const int good_count = resumption_ ? resumption_->good_count() : 0;
   ProgressTeller teller(good_count, plan_.slot_count(), on_progress);
-  std::vector<estimation::Repeat> repeats;
+  const auto watch = make_watch();
   if (resumption_) {
-    if (auto moved = check_nothing_moved(devices, stop, **writer, teller, repeats))
+    if (auto moved = check_nothing_moved(devices, stop, **writer, *watch, teller))
       return std::move(*moved);
     if (const auto aside = set_damaged_aside(*resumption_); !aside)
       return unfinished(resumption_->session, ExitCode::kStorage, aside.error().text());
@@ -249,12 +257,12 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
     estimate = *std::move(started);
   }
   const Take take = make_own_take();
-  const auto watch = make_watch(take, rig_file_.sequence.is_shuffled);
-  const auto picture_watch = make_picture_watch(take);
+  PictureWatch picture_watch(manifest_, most_waiting_frames());
   WatchedPictures pictures;
   auto motion =
-      take_frames(devices, stop, take, {**writer, estimate.get(), watch.get(), picture_watch.get()},
-                  std::move(repeats), teller, pictures, result);
+      take_frames(devices, stop, take,
+                  {**writer, estimate.get(), take.repeated ? watch.get() : nullptr, &picture_watch},
+                  teller, pictures, result);
   if (result.state != SessionState::kComplete || options_.product != CaptureProduct::kMaps)
     return result;
   if (!pictures.retaken.empty()) estimate.reset();  // it has the frames that were wrong
@@ -263,7 +271,7 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
                              ? estimate->finish()
                              : estimation::estimate_session(result.session, options_.estimator);
   if (estimated && motion) {
-    motion->report = watch->finish_by(estimated->maps);
+    motion->report = watch->judge_by(estimated->maps, motion_rules(rig_file_.sequence.is_shuffled));
     note_motion(*motion, result);
   }
   add_maps(estimated, manifest, result);
@@ -271,25 +279,27 @@ CaptureResult CaptureJob::run(Devices devices, const std::stop_token& stop,
 }
 
 // Says what the repeats say as soon as it is known, ahead of frames on their way to the disk.
-WatchedMotion CaptureJob::judge_motion(const Devices& devices, MotionWatch& watch, int pattern,
-                                       SessionWriter& writer, ProgressTeller& teller) {
-  WatchedMotion motion{watch.finish(), pattern, {}};
+WatchedMotion CaptureJob::judge_motion(const Devices& devices, const TakeSinks& sinks, int pattern,
+                                       ProgressTeller& teller) const {
+  WatchedMotion motion{
+      sinks.watch->judge(motion_rules(rig_file_.sequence.is_shuffled)), pattern, {}};
   teller.tell_motion(motion.report.text);
   const rig::HostTime told = devices.events.now();
-  motion.verdict_time = told - watch.last_arrival().value_or(told);
-  writer.journal(motion_line(to_string(motion.report.verdict), motion.verdict_time));
+  motion.verdict_time = told - sinks.watch->last_arrival().value_or(told);
+  sinks.writer.journal(motion_line(to_string(motion.report.verdict), motion.verdict_time));
   return motion;
 }
 
-// The rig still stands there: slots whose frames do not show their pattern are shown again.
-// Nullopt: all do, or cannot be checked.
+// The rig still stands there: slots whose frames do not show their pattern are shown again, and a
+// repeat after them. Nullopt: all do, or cannot be checked.
 std::optional<CaptureJob::Shortfall> CaptureJob::retake_wrong(Devices devices,
                                                               const std::stop_token& stop,
-                                                              const TakeSinks& sinks,
+                                                              const TakeSinks& sinks, int repeated,
                                                               ProgressTeller& teller,
                                                               WatchedPictures& pictures) const {
   for (int retake = 0;; ++retake) {
     pictures.check = sinks.pictures->judge();
+    if (sinks.watch != nullptr) sinks.watch->forget_repeats(pictures.check.wrong_repeats_s);
     sinks.writer.journal(picture_line(pictures.check));
     const auto& wrong = pictures.check.wrong;
     if (wrong.empty()) return std::nullopt;
@@ -306,12 +316,12 @@ std::optional<CaptureJob::Shortfall> CaptureJob::retake_wrong(Devices devices,
       sinks.writer.set_aside({each.pattern, each.bracket});
     }
     pictures.retaken.insert(pictures.retaken.end(), wrong.begin(), wrong.end());
-    constexpr int kNeverRepeat = 0;
-    const Take take = make_take(plan_, is_open, plan_.order.front(), kNeverRepeat);
+    const Take take = make_take(plan_, is_open, repeated, repeat_every());
     sinks.writer.journal(retake_line(take));
     teller.begin_run(plan_.slot_count() - take.open_slot_count());
-    const RunResult run = run_take(devices, rig_file_, take,
-                                   {sinks.writer, nullptr, nullptr, sinks.pictures}, stop, teller);
+    const RunResult run =
+        run_take(devices, rig_file_, take, {sinks.writer, nullptr, sinks.watch, sinks.pictures},
+                 stop, teller);
     if (run.outcome != Outcome::kComplete) {
       std::string message = summary(run, plan_.slot_count());
       if (run.outcome == Outcome::kFailed)
@@ -325,20 +335,12 @@ std::optional<CaptureJob::Shortfall> CaptureJob::retake_wrong(Devices devices,
 // Fills the slots that are open and ends the session as complete, failed or aborted.
 std::optional<WatchedMotion> CaptureJob::take_frames(Devices devices, const std::stop_token& stop,
                                                      const Take& take, const TakeSinks& sinks,
-                                                     std::vector<estimation::Repeat> repeats,
                                                      ProgressTeller& teller,
                                                      WatchedPictures& pictures,
                                                      CaptureResult& result) const {
-  MotionWatch* const watch = sinks.watch;
   if (resumption_) {
     sinks.writer.journal(resume_line(resumption_->good_count(), take));
     sinks.pictures->know(resumption_->pictures);
-  }
-  if (watch != nullptr) {
-    for (estimation::Repeat& repeat : repeats) watch->know(std::move(repeat));
-    if (resumption_)
-      if (const auto shown = show_first(*resumption_, *take.repeated, *watch); !shown)
-        result.notes.push_back("motion was not watched: " + shown.error().text());
   }
   RunResult run;
   run.outcome = Outcome::kComplete;  // where nothing is open: killed before its manifest
@@ -350,13 +352,14 @@ std::optional<WatchedMotion> CaptureJob::take_frames(Devices devices, const std:
     result.message +=
         ", " + std::to_string(resumption_->good_count()) + " of them before the interruption";
   std::optional<WatchedMotion> motion;
-  if (watch != nullptr) {
-    motion = judge_motion(devices, *watch, *take.repeated, sinks.writer, teller);
+  if (sinks.watch != nullptr) {
+    motion = judge_motion(devices, sinks, *take.repeated, teller);
     note_motion(*motion, result);
   }
   auto failure = describe(run.failure, take);
   if (run.outcome == Outcome::kComplete) {
-    if (auto shortfall = retake_wrong(devices, stop, sinks, teller, pictures)) {
+    const int repeated = take.repeated.value_or(plan_.order.front());
+    if (auto shortfall = retake_wrong(devices, stop, sinks, repeated, teller, pictures)) {
       result.state = shortfall->state;
       result.exit_code = shortfall->exit_code;
       result.message = std::move(shortfall->message);
@@ -364,6 +367,7 @@ std::optional<WatchedMotion> CaptureJob::take_frames(Devices devices, const std:
     } else if (!pictures.retaken.empty()) {
       result.message += ", " + std::to_string(pictures.retaken.size()) +
                         " of them again because the first did not show its pattern";
+      if (motion) motion = judge_motion(devices, sinks, repeated, teller);
     }
     if (motion) {
       motion->pictures = pictures;

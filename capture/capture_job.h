@@ -61,7 +61,8 @@ class CaptureJob {
   // A resumed take first shows a pattern that it has again: if it moved further than a map could
   // bear, the result is kIncomplete and says by how much, and nothing of the take has changed but
   // its journal. Frames that do not show their pattern (capture/picture_watch.h) are set aside and
-  // taken again, as often as sequence.retake_limit says; what is wrong then fails the capture.
+  // taken again, as often as sequence.retake_limit says, a repeat after them; what is wrong then
+  // fails the capture. What moved is told by the frames that the session has in the end.
   CaptureResult run(Devices devices, const std::stop_token& stop,
                     const OnProgress& on_progress) const;
 
@@ -70,15 +71,16 @@ class CaptureJob {
              estimation::Manifest manifest, std::optional<Resumption> resumption);
   estimation::Result<std::unique_ptr<SessionWriter>> open_session() const;
   Take make_own_take() const;
-  std::unique_ptr<MotionWatch> make_watch(const Take& take, bool is_shuffled) const;
-  static WatchedMotion judge_motion(const Devices& devices, MotionWatch& watch, int pattern,
-                                    SessionWriter& writer, ProgressTeller& teller);
+  int repeat_every() const;
+  std::size_t most_waiting_frames() const;
+  std::unique_ptr<MotionWatch> make_watch() const;
+  WatchedMotion judge_motion(const Devices& devices, const TakeSinks& sinks, int pattern,
+                             ProgressTeller& teller) const;
   std::optional<CaptureResult> check_nothing_moved(Devices devices, const std::stop_token& stop,
-                                                   SessionWriter& writer, ProgressTeller& teller,
-                                                   std::vector<estimation::Repeat>& repeats) const;
+                                                   SessionWriter& writer, MotionWatch& watch,
+                                                   ProgressTeller& teller) const;
   std::optional<WatchedMotion> take_frames(Devices devices, const std::stop_token& stop,
                                            const Take& take, const TakeSinks& sinks,
-                                           std::vector<estimation::Repeat> repeats,
                                            ProgressTeller& teller, WatchedPictures& pictures,
                                            CaptureResult& result) const;
   // How a capture ends that is not complete.
@@ -89,9 +91,8 @@ class CaptureJob {
     std::optional<estimation::SessionFailure> failure;
   };
   std::optional<Shortfall> retake_wrong(Devices devices, const std::stop_token& stop,
-                                        const TakeSinks& sinks, ProgressTeller& teller,
-                                        WatchedPictures& pictures) const;
-  std::unique_ptr<PictureWatch> make_picture_watch(const Take& take) const;
+                                        const TakeSinks& sinks, int repeated,
+                                        ProgressTeller& teller, WatchedPictures& pictures) const;
 
   rig::RigFile rig_file_;
   CaptureOptions options_;

@@ -55,15 +55,17 @@ Take make_take(const Plan& session_plan, const std::vector<bool>& is_open, int r
   int since_repeat = 0;
   const auto repeat = [&] {
     take.plan.order.push_back(add(repeated, true, std::vector<bool>(bracket_count, false)));
-    since_repeat = 0;
   };
   for (const int pattern : session_plan.order) {
     if (position[static_cast<std::size_t>(pattern)] < 0) continue;
     take.plan.order.push_back(position[static_cast<std::size_t>(pattern)]);
-    ++since_repeat;
-    if (repeat_every > 0 && since_repeat == repeat_every) repeat();
+    if (repeat_every == 0) continue;
+    if (pattern == repeated) repeat();
+    if (++since_repeat < repeat_every) continue;
+    repeat();
+    since_repeat = 0;
   }
-  if (repeat_every > 0 && since_repeat > 0) repeat();
+  if (since_repeat > 0) repeat();
   return take;
 }
 
@@ -74,11 +76,14 @@ Take make_take(const Plan& session_plan, int repeat_every) {
 
 Take make_repeat(const Plan& session_plan, int pattern) {
   Take take;
-  take.plan = {session_plan.name,
-               {{0, session_plan.patterns[static_cast<std::size_t>(pattern)].kind}},
-               {0},
-               session_plan.exposures};
-  take.entries = {{pattern, true, std::vector<bool>(session_plan.exposures.size(), false)}};
+  take.plan = {session_plan.name, {}, {}, session_plan.exposures};
+  for (const int position : {0, 1}) {
+    const auto& kind = session_plan.patterns[static_cast<std::size_t>(pattern)].kind;
+    take.plan.patterns.push_back({position, kind});
+    take.plan.order.push_back(position);
+    take.entries.push_back(
+        {pattern, true, std::vector<bool>(session_plan.exposures.size(), false)});
+  }
   take.repeated = pattern;
   return take;
 }

@@ -32,16 +32,18 @@ struct Take {
   std::string name_of(SlotId slot) const;
 };
 
-// The whole plan, the first pattern repeated after every `repeat_every` showings and at the end; 0:
-// never.
+// The whole plan, the first pattern repeated at once, after every `repeat_every` showings and at
+// the end; 0: never. At once: under the square's other level, so that a camera that sees the square
+// has the first showing under both (capture/motion_watch.h), whatever retakes do to the levels
+// later.
 Take make_take(const Plan& session_plan, int repeat_every);
 
 // The patterns that have an open slot, [pattern * brackets + bracket], in the plan's order;
-// `repeated`, which need not be open, is repeated in the same way.
+// `repeated`, which need not be open, is repeated in the same way, at once only if it is shown.
 Take make_take(const Plan& session_plan, const std::vector<bool>& is_open, int repeated,
                int repeat_every);
 
-// One showing of `pattern` as a repeat, and nothing else.
+// Two showings of `pattern` as repeats, one under each level of the square, and nothing else.
 Take make_repeat(const Plan& session_plan, int pattern);
 
 }  // namespace capture

@@ -16,8 +16,7 @@ class FrameFork final : public FrameConsumer {
 
   void consume(const CapturedFrame& frame) override {
     const TakeEntry& entry = take_.entry(frame.slot);
-    if (sinks_.watch != nullptr && entry.is_repeat)
-      sinks_.watch->add_repeat(take_.repeat_number(frame.slot.pattern), frame);
+    if (sinks_.watch != nullptr && entry.is_repeat) sinks_.watch->add_repeat(frame);
     if (sinks_.pictures != nullptr && entry.is_repeat) {
       CapturedFrame repeat = frame;
       repeat.slot.pattern = entry.pattern;
@@ -27,12 +26,10 @@ class FrameFork final : public FrameConsumer {
     if (!slot) return;
     CapturedFrame own = frame;
     own.slot = *slot;
-    // A pattern that was there in part keeps the first showing that it had.
-    const bool is_first =
-        take_.repeated == slot->pattern &&
-        std::find(entry.is_open.begin(), entry.is_open.end(), false) == entry.is_open.end();
-    if (sinks_.watch != nullptr && is_first) sinks_.watch->add_first(own);
-    if (sinks_.watch != nullptr) sinks_.watch->add_any(own);
+    if (sinks_.watch != nullptr) {
+      if (take_.repeated == slot->pattern) sinks_.watch->add_first(own);
+      sinks_.watch->add_any(own);
+    }
     if (sinks_.pictures != nullptr) sinks_.pictures->add(own);
     sinks_.writer.write(own);
     if (sinks_.estimate != nullptr) sinks_.estimate->add(own);

@@ -146,10 +146,14 @@ std::vector<Series> find_series(const std::vector<Pattern>& patterns,
   for (auto& [key, series] : stripes)
     if (series.frames.size() >= kFewestShifts) all.push_back(std::move(series));
   for (const auto& [bracket, own] : pairs) {
-    Series series;
+    std::map<int, Series> by_square_light;  // in neither, one or both: sums differ by it
     for (const auto& [key, pair] : own)
-      if (pair.size() == 2) series.frames.push_back(pair);
-    if (series.frames.size() >= kFewestPairs) all.push_back(std::move(series));
+      if (pair.size() == 2)
+        by_square_light[static_cast<int>(frames[pair[0]].is_square_light) +
+                        static_cast<int>(frames[pair[1]].is_square_light)]
+            .frames.push_back(pair);
+    for (auto& [count, series] : by_square_light)
+      if (series.frames.size() >= kFewestPairs) all.push_back(std::move(series));
   }
   return all;
 }

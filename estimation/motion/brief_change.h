@@ -36,7 +36,8 @@ struct SeenFrame {
   int pattern = 0;  // its index in the session
   int bracket = 0;
   double elapsed_s = 0;
-  std::vector<float> light_dn;  // by block_light()
+  std::vector<float> light_dn;   // by block_light()
+  bool is_square_light = false;  // the sync square's level, which the camera may see
 };
 
 // Under one pattern or several in a row.

@@ -131,6 +131,8 @@ class Gathering {
     for (const auto& [frame, why] : group.unchecked)
       check_.unchecked.push_back({pattern_of(frame), pictures.bracket, why});
     check_.checked_count += static_cast<int>(group.judged_count);
+    for (const std::size_t frame : group.wrong_repeats)
+      check_.wrong_repeats_s.push_back(pictures.shown[frame].picture->elapsed_s);
   }
   void object(const BracketPictures& pictures, std::size_t frame, const std::string& why) {
     check_.unchecked.push_back({pictures.shown[frame].picture->pattern, pictures.bracket, why});
@@ -193,11 +195,16 @@ GroupCheck check_displaced(const CameraInfo& camera, const BracketPictures& pict
   const auto run = find_displaced(camera, pictures, roles_of(pictures));
   if (!run) return check;
   for (std::size_t i = run->begin; i < run->end; ++i) {
-    if (!pictures.shown[i].picture->is_of_session) continue;
     GroupFinding found{i, 1};
     const auto shows = static_cast<std::ptrdiff_t>(i) + run->offset;
     if (shows >= 0 && shows < static_cast<std::ptrdiff_t>(pictures.shown.size()))
       found.seen_pattern = pictures.shown[static_cast<std::size_t>(shows)].picture->pattern;
+    const SeenPicture& own = *pictures.shown[i].picture;
+    if (found.seen_pattern == own.pattern) continue;  // shown twice in a row: it is the same
+    if (!own.is_of_session) {
+      check.wrong_repeats.push_back(i);
+      continue;
+    }
     check.wrong.push_back(found);
     ++check.judged_count;
   }

@@ -42,6 +42,7 @@ struct PictureCheck {
   std::vector<WrongPicture> wrong;          // by pattern and bracket
   std::vector<UncheckedPicture> unchecked;  // likewise
   int checked_count = 0;                    // frames that were judged, right or wrong
+  std::vector<double> wrong_repeats_s;      // elapsed_s of repeats in a run of wrong pictures
   std::string text() const;                 // one sentence
 };
 

@@ -50,6 +50,7 @@ struct GroupFinding {
 struct GroupCheck {
   std::vector<GroupFinding> wrong;
   std::vector<std::pair<std::size_t, std::string>> unchecked;
+  std::vector<std::size_t> wrong_repeats{};
   std::size_t judged_count = 0;
   double speed_px_per_s = 0;  // of the stripes, in the projector's px; stripes alone tell
 };

@@ -357,7 +357,8 @@ class ShiftCheck {
   void check_blind() {
     for (std::size_t n = 0; n < series_.frames.size(); ++n) {
       const auto step = step_to(n, -1);
-      if (!step || std::abs(*step) > kSureOfPicture * last_.sd(n, *step)) continue;
+      if (!step || std::abs(*step) == 0) continue;  // the picture before was the same
+      if (std::abs(*step) > kSureOfPicture * last_.sd(n, *step)) continue;
       check_.unchecked.emplace_back(series_.frames[n],
                                     "the stripes moved, or are seen, too unsteadily");
       --check_.judged_count;

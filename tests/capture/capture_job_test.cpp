@@ -185,7 +185,7 @@ TEST_F(CaptureJobTest, SlotsThatDoNotFillAreNamed) {
   EXPECT_EQ(result.exit_code, ExitCode::kIncomplete);
   const auto manifest = estimation::read_manifest(result.session);
   ASSERT_TRUE(manifest) << manifest.error().text();
-  EXPECT_THAT(manifest->failure->slots, testing::Contains("pattern 4 bracket 0"));
+  EXPECT_THAT(manifest->failure->slots, testing::Contains("pattern 3 bracket 0"));
   EXPECT_EQ(manifest->failure->code, "frame damaged");
 }
 

@@ -13,6 +13,7 @@
 
 #include "capture/capture_job.h"
 #include "capture/stored_pictures.h"
+#include "capture/take.h"
 #include "estimation/session/verify.h"
 #include "tests/capture/striped_world.h"
 #include "tests/temporary_folder.h"
@@ -108,11 +109,11 @@ class PictureCapture : public testing::Test {
     hw_sim::InProcessRig rig(world, in_process(rig_file_));
     return job->run({rig.projector(), rig.trigger(), rig.camera(), rig.timeline()}, {}, {});
   }
-  // Showing 1 is the first of the order; a repeat comes after every 22.
+  // Showing 1 is the first of the order.
   int pattern_at(int showing) const {
     const auto plan = make_plan("paper", rig_file_.projector, rig_file_.sequence);
-    const int repeats_before = (showing - 1) / (rig_file_.sequence.repeat_every + 1);
-    return plan->order[static_cast<std::size_t>(showing - 1 - repeats_before)];
+    const Take take = make_take(*plan, rig_file_.sequence.repeat_every);
+    return take.entry({take.plan.order[static_cast<std::size_t>(showing - 1)], 0}).pattern;
   }
   static int set_aside_count(const CaptureResult& result) {
     int count = 0;
@@ -140,7 +141,7 @@ class PictureCapture : public testing::Test {
 
 TEST_F(PictureCapture, AStalePictureIsTakenAgainAndItsFilesAreKeptAside) {
   // The first, one of the sweep, the first of the code, and a complement.
-  const std::set<int> showings{1, 9, 42, 50};
+  const std::set<int> showings{1, 9, 43, 51};
   const CaptureResult result = capture({.showings = showings});
   EXPECT_EQ(result.state, estimation::SessionState::kComplete) << result.message;
   EXPECT_THAT(result.message, HasSubstr("160 of 160 slots filled"));
@@ -163,10 +164,10 @@ TEST_F(PictureCapture, AStalePictureIsTakenAgainAndItsFilesAreKeptAside) {
 }
 
 TEST_F(PictureCapture, AnExposureThatStraddledTheSwapIsTakenAgain) {
-  const CaptureResult result = capture({.showings = {14, 47}, .share_frac = 0.4});
+  const CaptureResult result = capture({.showings = {14, 48}, .share_frac = 0.4});
   EXPECT_EQ(result.state, estimation::SessionState::kComplete) << result.message;
   const std::set<int> retaken = retaken_patterns(result);
-  EXPECT_EQ(retaken, (std::set<int>{pattern_at(14), pattern_at(47)}));
+  EXPECT_EQ(retaken, (std::set<int>{pattern_at(14), pattern_at(48)}));
 }
 
 TEST_F(PictureCapture, APictureThatIsNeverShownFailsTheCaptureWhichAnotherTimeFinishes) {

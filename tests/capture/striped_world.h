@@ -27,18 +27,23 @@ struct Pose {
   double light = 1;       // of the projector
   double ambient_frac = 0;
   double eye_light = 1;  // of the eye's: other than 1 while it is open
+  double eye_row = 28, eye_col = 40;
 };
 // By seconds since the first exposure.
 using PoseAt = std::function<Pose(double)>;
+
+// A flat phantom fills the frame, so that the sync square is seen on it.
+enum class Subject { kHead, kFlatPhantom };
 
 class StripedWorld final : public hw_sim::World {
  public:
   static constexpr int kWidthPx = 96, kHeightPx = 72;
   static constexpr int kProjectorWidthPx = 256, kProjectorHeightPx = 192;
-  static constexpr double kEyeRow = 28, kEyeCol = 40;
+  static constexpr double kEyeRow = Pose{}.eye_row, kEyeCol = Pose{}.eye_col;
 
-  explicit StripedWorld(PoseAt pose_at = [](double) { return Pose{}; })
-      : pose_at_(std::move(pose_at)) {}
+  explicit StripedWorld(
+      PoseAt pose_at = [](double) { return Pose{}; }, Subject subject = Subject::kHead)
+      : pose_at_(std::move(pose_at)), subject_(subject) {}
 
   int width_px() const override { return kWidthPx; }
   int height_px() const override { return kHeightPx; }
@@ -75,16 +80,19 @@ class StripedWorld final : public hw_sim::World {
     return *first_;
   }
 
-  static double skin(const Pose& pose, int row, int col) {
+  double skin(const Pose& pose, int row, int col) const {
     const double y = row - pose.row_px, x = col;
     const double radius =
         std::hypot((y - kHeightPx / 2.0) / (0.45 * kHeightPx), (x - kWidthPx / 2.0) / 40.0);
     const double texture = 1 + 0.1 * std::sin(0.4 * x + 0.3 * y) * std::cos(0.5 * y - 0.1 * x);
-    const double eye = std::exp(-std::pow((y - kEyeRow) / 3, 2) - std::pow((x - kEyeCol) / 5, 2));
-    return texture / (1 + std::exp(20 * (radius - 1))) * (1 + (pose.eye_light - 1) * eye);
+    const double eye =
+        std::exp(-std::pow((y - pose.eye_row) / 3, 2) - std::pow((x - pose.eye_col) / 5, 2));
+    const double inside =
+        subject_ == Subject::kFlatPhantom ? 1 : 1 / (1 + std::exp(20 * (radius - 1)));
+    return texture * inside * (1 + (pose.eye_light - 1) * eye);
   }
 
-  static double light_at(const hw_sim::Picture& picture, const Pose& pose, int row, int col) {
+  double light_at(const hw_sim::Picture& picture, const Pose& pose, int row, int col) const {
     constexpr int kReach = 8;
     constexpr double kBlurPx = 3;
     const double u = (col + 0.5) * kProjectorWidthPx / kWidthPx - 0.5 - pose.stripes_px;
@@ -102,6 +110,7 @@ class StripedWorld final : public hw_sim::World {
   }
 
   PoseAt pose_at_;
+  Subject subject_;
   mutable std::mutex mutex_;
   mutable std::optional<std::chrono::nanoseconds> first_;  // guarded by mutex_
 };
@@ -138,6 +147,7 @@ inline hw_sim::InProcessOptions in_process(const rig::RigFile& rig_file) {
   options.projector = rig_file.projector;
   options.trigger = rig_file.trigger;
   options.camera = rig_file.camera;
+  options.sync = rig_file.sequence.sync;
   return options;
 }
 
