@@ -2,13 +2,13 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "tests/estimation/geometry/synthetic_rig.h"
+#include "tests/temporary_folder.h"
 
 namespace estimation {
 namespace {
@@ -16,13 +16,6 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Not;
-
-std::filesystem::path fresh_folder(const std::string& name) {
-  const std::string own = "calibration_file_" + std::to_string(::getpid()) + "_" + name;
-  const auto folder = std::filesystem::path(::testing::TempDir()) / own;
-  std::filesystem::remove_all(folder);
-  return folder;
-}
 
 std::string contents(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
@@ -88,7 +81,8 @@ TEST(CalibrationFile, OnePartLeavesTheOtherAndForeignKeysAlone) {
 }
 
 TEST(CalibrationFile, AnOlderOneIsKeptUnderItsDate) {
-  const auto path = fresh_folder("older") / "calibration.json";
+  const test_support::TemporaryFolder folder;
+  const auto path = folder.path() / "new" / "calibration.json";  // whose folder is made
   ASSERT_TRUE(write_calibration(path, "{\"a\": 1}\n"));
   const auto second = write_calibration(path, "{\"a\": 2}\n");
   const auto third = write_calibration(path, "{\"a\": 3}\n");
@@ -100,10 +94,9 @@ TEST(CalibrationFile, AnOlderOneIsKeptUnderItsDate) {
 }
 
 TEST(CalibrationFile, WhatCannotBeWrittenLeavesTheOldOne) {
-  const auto folder = fresh_folder("blocked");
-  std::filesystem::create_directories(folder);
-  std::ofstream(folder / "file") << "in the way";
-  const auto written = write_calibration(folder / "file" / "calibration.json", "{}");
+  const test_support::TemporaryFolder folder;
+  std::ofstream(folder.path() / "file") << "in the way";
+  const auto written = write_calibration(folder.path() / "file" / "calibration.json", "{}");
   ASSERT_FALSE(written);
   EXPECT_EQ(written.error().fault, InputFault::kUnwritable);
 }

@@ -11,10 +11,12 @@
 
 #include "estimation/report/pictures.h"
 #include "estimation/report/plot.h"
+#include "tests/temporary_folder.h"
 
 namespace estimation {
 namespace {
 
+using test_support::TemporaryFolder;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::SizeIs;
@@ -111,12 +113,6 @@ CameraInfo bayer_camera(int height, int width) {
   return camera;
 }
 
-std::filesystem::path fresh_folder(const std::string& name) {
-  const auto folder = std::filesystem::path(::testing::TempDir()) / ("quicklook_" + name);
-  std::filesystem::remove_all(folder);
-  return folder;
-}
-
 // A red ball on black under RGGB.
 Image<std::uint16_t> red_frame(const CameraInfo& camera) {
   Image<std::uint16_t> dn(camera.height_px, camera.width_px, 1, 64);
@@ -134,12 +130,13 @@ Image<std::uint16_t> red_frame(const CameraInfo& camera) {
 }
 
 TEST(Quicklook, WritesEveryPictureThereIsDataFor) {
-  const auto folder = fresh_folder("all");
+  const TemporaryFolder folder;
   const Maps maps = face_maps(432, 588, 3);
   const CameraInfo camera = bayer_camera(432, 588);
   const Image<std::uint16_t> dn = red_frame(camera);
   const QuicklookFrame frame{"frame_stripes", "stripes column 40/8 shift 0, 16.7 ms", dn.view()};
-  const auto written = write_quicklook(folder, maps, camera, std::span(&frame, 1), four_points());
+  const auto written =
+      write_quicklook(folder.path(), maps, camera, std::span(&frame, 1), four_points());
   ASSERT_TRUE(written) << written.error().text();
   ASSERT_THAT(*written, SizeIs(10));
   for (const auto& path : *written) {
@@ -157,7 +154,8 @@ TEST(Quicklook, LeavesOutWhatWasNotComputed) {
                         &maps.diffuse_reflectance, &maps.indirect}) {
     *map = {};
   }
-  const auto folder = fresh_folder("geometry");
+  const TemporaryFolder temporary;
+  const auto folder = temporary.path() / "report";  // which is made
   const auto written = write_quicklook(folder, maps, bayer_camera(48, 64), {}, {});
   ASSERT_TRUE(written) << written.error().text();
   EXPECT_THAT(*written,
@@ -170,20 +168,20 @@ TEST(Quicklook, DrawsSmallLargeAndEmptyMaps) {
     Maps maps = face_maps(height, width, 3);
     for (float& value : maps.indirect[0].samples()) value = kNaN;
     maps.indirect[2] = maps.indirect[1] = maps.indirect[0];
-    const auto written = write_quicklook(fresh_folder("size" + std::to_string(width)), maps,
-                                         bayer_camera(height, width), {}, {});
+    const TemporaryFolder folder;
+    const auto written = write_quicklook(folder.path(), maps, bayer_camera(height, width), {}, {});
     ASSERT_TRUE(written) << written.error().text();
     EXPECT_THAT(*written, SizeIs(8));
   }
 }
 
 TEST(Quicklook, AMosaicKeepsItsColours) {
-  const auto folder = fresh_folder("colours");
+  const TemporaryFolder folder;
   const CameraInfo camera = bayer_camera(432, 588);
   const Image<std::uint16_t> dn = red_frame(camera);
   const QuicklookFrame frame{"frame", "a frame", dn.view()};
   Maps maps;
-  const auto written = write_quicklook(folder, maps, camera, std::span(&frame, 1), {});
+  const auto written = write_quicklook(folder.path(), maps, camera, std::span(&frame, 1), {});
   ASSERT_TRUE(written) << written.error().text();
   ASSERT_THAT(*written, SizeIs(1));
   const cv::Mat3b picture = cv::imread((*written)[0].string());
@@ -194,7 +192,8 @@ TEST(Quicklook, AMosaicKeepsItsColours) {
 }
 
 TEST(Quicklook, AnUnwritableFolderIsOneClearError) {
-  const auto file = fresh_folder("file");
+  const TemporaryFolder folder;
+  const auto file = folder.path() / "file";
   std::ofstream(file) << "in the way";
   const auto written =
       write_quicklook(file / "report", face_maps(48, 64, 3), bayer_camera(48, 64), {}, {});
