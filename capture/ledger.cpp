@@ -29,6 +29,7 @@ void Ledger::start_run() {
   held_.clear();
   camera_clock_ = {};
   last_edge_number_ = 0;
+  proved_pulse_number_ = 0;
   lag_.forget();
   primed_frame_count_ = 0;
   is_priming_spoiled_ = false;
@@ -91,6 +92,11 @@ const Ledger::Showing* Ledger::find(std::uint64_t show_id) const {
 
 bool Ledger::is_over(const Showing& showing) const {
   return showing.ended_pulse_count == rules_.brackets_per_showing();
+}
+
+// Nothing is awaited of it but frames.
+bool Ledger::is_settled(const Showing& showing) const {
+  return is_over(showing) && (showing.swapped || showing.is_spoiled);
 }
 
 int Ledger::showing_pattern() const {

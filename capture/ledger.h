@@ -20,6 +20,7 @@
 // in ledger_evidence.cpp, frames are decided about in ledger_verdicts.cpp.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <optional>
@@ -64,8 +65,12 @@ struct LedgerRules {
   }
 
   // Between a frame's timestamp and its pulse: less than half the way to the next pulse, so that
-  // no frame can pass for its neighbour.
-  std::chrono::nanoseconds time_tolerance() const { return (exposures.front() + gap) / 2; }
+  // no frame can pass for its neighbour; and, where pulses are far apart, less than from a stray
+  // exposure to the pulse that it leaves the camera no time for. Clocks are known far better.
+  std::chrono::nanoseconds time_tolerance() const {
+    return std::min<std::chrono::nanoseconds>((exposures.front() + gap) / 2,
+                                              std::chrono::milliseconds(2));
+  }
 };
 
 // What the ledger must know of a frame; the pixels stay with the runner, under `ticket`.
@@ -162,6 +167,9 @@ class Ledger {
   int next_bracket() const;
   // The newest showing that edge and swap agree about; 0: none yet.
   std::uint64_t proved_show_id() const;
+  // The newest pulse of this run whose frame was found good: camera and box counted alike up to
+  // it. 0: none yet.
+  std::uint32_t proved_pulse_number() const { return proved_pulse_number_; }
   // Gives up on a showing: none of its frames will count.
   void spoil_showing(std::uint64_t show_id);
   bool is_spoiled(std::uint64_t show_id) const;
@@ -206,6 +214,7 @@ class Ledger {
 
   static std::string in_us(std::chrono::nanoseconds time);
   bool is_over(const Showing& showing) const;
+  bool is_settled(const Showing& showing) const;
   Showing* without_edge();
   Showing* under_exposure();
   const Showing* find(std::uint64_t show_id) const;
@@ -232,6 +241,7 @@ class Ledger {
   std::vector<Held> held_;
   rig::ClockMap<rig::CameraClock> camera_clock_;
   std::uint32_t last_edge_number_ = 0;
+  std::uint32_t proved_pulse_number_ = 0;
   SwapLag lag_;
   int primed_frame_count_ = 0;  // of the priming under way, or the last one
   bool is_priming_spoiled_ = false;

@@ -97,6 +97,7 @@ Verdict Ledger::decide(const FrameFacts& facts, Findings& findings) {
     return verdict;
   }
   pulse.wait = Wait::kArrived;
+  proved_pulse_number_ = std::max(proved_pulse_number_, static_cast<std::uint32_t>(number));
   camera_clock_.add(facts.timestamp, pulse.started, kPulseTimeUncertainty);
   if (showing.flip.pattern == kPrimePattern) {
     const int wanted_count = rules_.priming_rounds * static_cast<int>(rules_.exposures.size());
@@ -132,8 +133,10 @@ Evidence Ledger::evidence_of(const FrameFacts& facts, const Pulse& pulse) const 
 Findings Ledger::expire(rig::HostTime now) {
   Findings findings;
   for (const Showing& showing : showings_) {
-    if (is_over(showing) || now < showing.due) continue;
-    if (showing.edge)
+    if (is_settled(showing) || now < showing.due) continue;
+    if (is_over(showing))
+      findings.push_back(about(showing, Incident::kPictureNotShown, "the swap was never reported"));
+    else if (showing.edge)
       findings.push_back(
           about(showing, Incident::kPulseMissing, "the trigger box did not end its pulses"));
     else if (showing.swapped)
@@ -144,20 +147,14 @@ Findings Ledger::expire(rig::HostTime now) {
   }
   for (Pulse& pulse : pulses_) {
     if (pulse.wait != Wait::kAwaited || now < pulse.frame_due) continue;
-    Showing& showing = showings_[pulse.showing];
-    if (!is_over(showing) && !showing.is_spoiled) continue;  // the pulses' own deadline rules
+    const Showing& showing = showings_[pulse.showing];
+    if (!is_settled(showing) && !showing.is_spoiled) continue;  // its own deadline rules
     pulse.wait = Wait::kGivenUp;
     if (showing.is_spoiled) continue;
-    if (!showing.swapped) {
-      showing.is_spoiled = true;
-      findings.push_back({Incident::kPictureNotShown, showing.flip.pattern, pulse.bracket,
-                          "the swap was never reported", showing.flip.show_id});
-    } else {
-      findings.push_back(
-          {Incident::kFrameMissing, showing.flip.pattern, pulse.bracket,
-           "none within " + std::to_string(rules_.frame_deadline.count()) + " ms of its pulse",
-           showing.flip.show_id});
-    }
+    findings.push_back(
+        {Incident::kFrameMissing, showing.flip.pattern, pulse.bracket,
+         "none within " + std::to_string(rules_.frame_deadline.count()) + " ms of its pulse",
+         showing.flip.show_id});
   }
   for (const Held& held : held_) {
     if (now < held.due || held.facts.pulse_number() <= pulses_.size()) continue;
@@ -174,10 +171,10 @@ std::optional<rig::HostTime> Ledger::next_due() const {
     if (!due || time < *due) due = time;
   };
   for (const Showing& showing : showings_)
-    if (!is_over(showing)) consider(showing.due);
+    if (!is_settled(showing)) consider(showing.due);
   for (const Pulse& pulse : pulses_) {
     const Showing& showing = showings_[pulse.showing];
-    if (pulse.wait == Wait::kAwaited && (is_over(showing) || showing.is_spoiled))
+    if (pulse.wait == Wait::kAwaited && (is_settled(showing) || showing.is_spoiled))
       consider(pulse.frame_due);
   }
   for (const Held& held : held_)

@@ -64,6 +64,8 @@ class Runner {
   static SequenceRules as_devices_allow(SequenceRules rules, const Devices& devices) {
     if (devices.reopener == nullptr) rules.reopen_deadline = std::chrono::milliseconds(0);
     rules.ledger.relies_on_swaps = relies_on_swaps(devices, rules.ledger);
+    // Flips that do not wait for each other's edges are told apart by level and time together.
+    if (rules.ledger.relies_on_swaps) rules.refreshes_per_showing.clear();
     if (rules.ledger.is_lag_checked) rules.ledger.priming_rounds = priming_rounds(rules.ledger);
     return rules;
   }

@@ -26,6 +26,12 @@ void Turn::take(const AbortRequested&) {
   if (!is_over(state().phase)) end(Outcome::kAborted);
 }
 
+rig::HostTime Turn::settled_at() {
+  const rig::HostTime settled = now_ + rules_.settle_time;
+  if (!state().flipped) return settled;
+  return std::max<rig::HostTime>(settled, *state().flipped + rules_.ledger.edge_deadline);
+}
+
 void Turn::take(const Armed&) {
   if (!std::holds_alternative<Arming>(state().phase)) return;
   ledger().start_run();
@@ -47,11 +53,15 @@ void Turn::take(const StorageFailed& failed) {
 }
 
 void Turn::take(const rig::PictureShown& shown) {
+  if (shown.show_id == state().flip_show_id) state().flipped = now_;
   if (const auto* darkening = std::get_if<Darkening>(&state().phase)) {
-    if (darkening->show_id == shown.show_id) state().phase = Settling{now_ + rules_.settle_time};
+    if (darkening->show_id == shown.show_id) state().phase = Settling{settled_at()};
   } else if (const auto* blackening = std::get_if<Blackening>(&state().phase)) {
     if (blackening->show_id == shown.show_id) state().phase = Ended{};
   } else if (is_running(state().phase)) {
+    auto* const confirming = std::get_if<Confirming>(&state().phase);
+    if (confirming != nullptr && confirming->show_id == shown.show_id)
+      confirming->deadline = rig::HostTime::max();
     if (!is_confirmed_by_edge()) confirm(shown.show_id);
     react(ledger().picture_shown(shown));
     confirm_by_edge();
@@ -114,7 +124,7 @@ void Turn::reopen(const Finding& finding, rig::Device device) {
   discard_unconfirmed();
   // It may take long, and nobody should look into a pattern meanwhile. A projector that is lost
   // is black by itself.
-  state().is_square_light = false;
+  set_square(false);
   if (device != rig::Device::kProjector) ask_for(rig::kBlackPicture);
   state().phase = Reopening{{device}, true, now_, now_ + rules_.reopen_deadline, finding.detail};
   step_.actions.push_back(Reopen{device});  // first, for a dead device takes seconds to disarm
@@ -160,21 +170,38 @@ void Turn::judge_frames() {
     else
       step_.actions.push_back(DropFrame{verdict.ticket});
   }
+  confirm_anew();
   react(findings);
 }
 
 void Turn::keep(const KeepFrame& frame) {
-  if (frame.evidence.show_id < state().shown_show_id)
+  if (is_confirmed(frame))
     step_.actions.push_back(frame);
   else
     state().unconfirmed.push_back(frame);
+}
+
+bool Turn::is_confirmed(const KeepFrame& frame) {
+  return frame.evidence.show_id < state().shown_show_id && is_counted(frame);
+}
+
+// A stray exposure that takes a pulse's place just before it, as long after the pulse as the
+// clocks are good, shows in the numbers of all frames after it. After the last there is none.
+bool Turn::is_counted(const KeepFrame& frame) {
+  if (rules_.ledger.has_edge_per_bracket) return true;  // told by the edges
+  if (frame.evidence.pulse_number < ledger().proved_pulse_number()) return true;
+  return std::holds_alternative<Confirming>(state().phase) && ledger().open_showing_count() == 0;
+}
+
+void Turn::confirm_anew() {
+  for (const KeepFrame& frame : std::exchange(state().unconfirmed, {})) keep(frame);
 }
 
 // The display was as opened when picture `show_id` was drawn, so those before it were what we
 // meant.
 void Turn::confirm(std::uint64_t show_id) {
   state().shown_show_id = std::max(state().shown_show_id, show_id);
-  for (const KeepFrame& frame : std::exchange(state().unconfirmed, {})) keep(frame);
+  confirm_anew();
 }
 
 // Where a stray trigger could be taken for a flip.

@@ -108,7 +108,7 @@ void Turn::confirm_last() {
 }
 
 void Turn::darken() {
-  state().is_square_light = false;
+  set_square(false);
   state().phase = Darkening{ask_for(rig::kBlackPicture), now_ + rules_.ledger.edge_deadline};
   state().queue.clear();
   for (const int pattern : order_)
@@ -127,7 +127,7 @@ void Turn::arm() {
 }
 
 void Turn::show(int pattern, int first_bracket) {
-  state().is_square_light = !state().is_square_light;
+  set_square(!state().is_square_light);
   const std::uint64_t show_id = ask_for(pattern == kPrimePattern ? rig::kBlackPicture : pattern);
   ledger().open_showing({pattern, first_bracket, show_id, state().is_square_light, now_});
   state().phase = Showing{};
@@ -135,10 +135,18 @@ void Turn::show(int pattern, int first_bracket) {
 
 void Turn::end(Outcome outcome) {
   discard_unconfirmed();
-  state().is_square_light = false;
+  set_square(false);
   state().outcome = outcome;
   state().phase = Blackening{ask_for(rig::kBlackPicture), now_ + kBlackDeadline};
   step_.actions.push_back(Disarm{});
+}
+
+// Of the picture that is asked for next.
+void Turn::set_square(bool is_light) {
+  if (is_light == state().is_square_light) return;
+  state().is_square_light = is_light;
+  state().flip_show_id = state().next_show_id;
+  state().flipped = now_;
 }
 
 std::uint64_t Turn::ask_for(int picture) {

@@ -124,11 +124,13 @@ Finding Turn::charged(Finding finding) {
   return finding;
 }
 
-// The table, but for two things: a showing that is to be retaken anyhow is not retaken twice, and
-// a priming that fails twice in a run means that camera and box do not count alike.
+// The table, but for three things: a showing that is to be retaken anyhow is not retaken twice; a
+// priming that fails twice in a run means that camera and box do not count alike; and where times
+// are all that tells flips from each other, one without a time leaves those after it untold.
 Reaction Turn::reaction_here(const Finding& finding) {
   const Reaction reaction = reaction_to(finding.incident, rules_.bracketing);
   if (reaction != Reaction::kRetake) return reaction;
+  if (rules_.ledger.relies_on_swaps && !rules_.ledger.latency) return Reaction::kRestart;
   if (finding.pattern == kPrimePattern) {
     if (ledger().is_spoiled(finding.show_id)) return Reaction::kIgnore;
     if (ledger().is_primed()) return Reaction::kRestart;  // it was to confirm the last pattern

@@ -57,6 +57,10 @@ class Turn {
   void give_up(const Reopening& reopening);
   void judge_frames();
   void keep(const KeepFrame& frame);
+  bool is_confirmed(const KeepFrame& frame);
+  bool is_counted(const KeepFrame& frame);
+  void confirm_anew();
+  rig::HostTime settled_at();
   void confirm(std::uint64_t show_id);
   bool is_confirmed_by_edge() const;
   void confirm_by_edge();
@@ -87,6 +91,7 @@ class Turn {
   void darken();
   void arm();
   void show(int pattern, int first_bracket);
+  void set_square(bool is_light);
   void end(Outcome outcome);
   std::uint64_t ask_for(int picture);
 

@@ -106,8 +106,10 @@ std::string row(const std::vector<MatrixCell>& cells, std::size_t fault, std::si
 }  // namespace
 
 Trial try_faults(const hw_sim::FaultPlan& plan, const rig::RigFile& rig_file,
-                 const hw_sim::CameraTiming& camera_timing) {
-  LedgerCapture capture(plan, rig_file, camera_timing);
+                 const hw_sim::CameraTiming& camera_timing,
+                 const hw_sim::DisplayTiming& display_timing,
+                 std::chrono::milliseconds opening_time) {
+  LedgerCapture capture(plan, rig_file, camera_timing, display_timing, opening_time);
   Trial trial;
   std::stop_source stop;
   int transition_count = 0;

@@ -23,7 +23,9 @@ struct Trial {
   std::string text;  // why it failed
 };
 Trial try_faults(const hw_sim::FaultPlan& plan, const rig::RigFile& rig_file,
-                 const hw_sim::CameraTiming& camera_timing = {});
+                 const hw_sim::CameraTiming& camera_timing = {},
+                 const hw_sim::DisplayTiming& display_timing = {},
+                 std::chrono::milliseconds opening_time = {});
 
 struct MatrixPlace {
   std::string name;

@@ -2,6 +2,7 @@
 // two exposures on a projector of 64 x 48 px, so that a capture takes milliseconds.
 #pragma once
 
+#include <algorithm>
 #include <map>
 #include <numeric>
 #include <optional>
@@ -89,7 +90,7 @@ struct LedgerCapture {
                          std::chrono::milliseconds opening_time = {})
       : rig_file(rig_file_in),
         plan(ledger_plan(rig_file)),
-        lag_refreshes(display_timing.input_lag_refreshes),
+        display(display_timing),
         rig(world, {rig_file.projector, rig_file.trigger, rig_file.camera, display_timing,
                     camera_timing, faults, rig_file.sequence.sync, opening_time}) {
     const int left_px = rig_file.projector.width_px - rig_file.projector.sync_square.size_px;
@@ -107,10 +108,18 @@ struct LedgerCapture {
   SequenceRules rules() {
     SequenceRules made =
         make_rules(rig_file, plan.exposures, rig.projector().report().measured_refresh_hz);
-    // As it would be measured, with its margin of a refresh.
-    if (rig_file.sequence.sync == rig::SyncMode::kSoftware)
-      made.ledger.latency = made.ledger.refresh_interval * (lag_refreshes + 1);
+    if (rig_file.sequence.sync == rig::SyncMode::kSoftware) made.ledger.latency = latency();
     return made;
+  }
+
+  // As it would be measured: from the report of a swap, in halves of a refresh, with its margin of
+  // a whole one.
+  std::chrono::nanoseconds latency() const {
+    const auto refresh = display.refresh_interval;
+    const auto lag = std::max<std::chrono::nanoseconds>(
+        refresh * display.input_lag_refreshes + display.light_delay - display.report_delay, {});
+    return refresh / 2 * ((lag + refresh / 2 - std::chrono::nanoseconds(1)) / (refresh / 2)) +
+           refresh;
   }
 
   RunResult run(const std::stop_token& stop = {}, const OnTransition& also = {}) {
@@ -148,7 +157,7 @@ struct LedgerCapture {
   hw_sim::LedgerWorld world;
   rig::RigFile rig_file;
   Plan plan;
-  int lag_refreshes = 1;
+  hw_sim::DisplayTiming display;
   hw_sim::InProcessRig rig;
   IdentityKeeper keeper;
   std::map<Incident, int> incidents;

@@ -109,11 +109,19 @@ TEST_F(LedgerTest, NumberOfOnePulseAndTimeOfAnotherIsMistimed) {
   EXPECT_TRUE(kept_.empty());
 }
 
-TEST_F(LedgerTest, ToleranceIsLessThanHalfTheWayToTheNextPulse) {
-  frames_[0].timestamp += microseconds(7400);
+// Between two pulses there is time for a stray exposure that leaves none for the second.
+TEST_F(LedgerTest, FrameIsOfItsPulseToTwoMilliseconds) {
+  frames_[0].timestamp += microseconds(1900);
   EXPECT_EQ(incident_of_frame(frames_[0]), std::nullopt);
-  frames_[1].timestamp -= microseconds(7600);
+  frames_[1].timestamp -= microseconds(2100);
   EXPECT_EQ(incident_of_frame(frames_[1]), Incident::kFrameMistimed);
+}
+
+TEST(LedgerRules, ToleranceIsAtMostHalfTheWayToTheNextPulse) {
+  LedgerRules rules;
+  rules.exposures = {microseconds(1500)};
+  rules.gap = microseconds(1000);
+  EXPECT_EQ(rules.time_tolerance(), microseconds(1250));
 }
 
 // A stray pulse's frame that bears the next pulse's number, without chunks and close to it in time.

@@ -92,7 +92,9 @@ class ModesTest : public testing::Test {
   }
   void prime() {
     showing();
+    if (phase() == "pacing") time_out();
     showing();
+    if (phase() == "pacing") time_out();
   }
   Incident found() const {
     return reacted_.empty() ? Incident::kStorage : reacted_.front().finding.incident;
@@ -134,6 +136,42 @@ TEST_F(ModesTest, EachBracketIsAFlipOfItsOwn) {
   EXPECT_EQ(phase(), "blackening");
   EXPECT_EQ(state_->outcome, Outcome::kComplete);
   EXPECT_EQ(kept_.size(), 4U);
+}
+
+// A frame that was damaged is the edge's only sign; then the swap alone is awaited.
+TEST_F(ModesTest, ASwapThatIsNeverToldOfHasADeadlineAlthoughTheFrameWasDamaged) {
+  SequenceRules paced = boxless();
+  paced.refreshes_per_showing = {3, 6};
+  SequenceRules sole = boxless();
+  sole.ledger.relies_on_swaps = true;
+  for (SequenceRules rules : {boxless(), paced, sole}) {
+    rules.retake_limit = 2;
+    play(rules);
+    prime();
+    ASSERT_EQ(shown_.picture, 0);
+    tell(rig::FrameDamaged{++number_, {rig::Fault::kFrameIncomplete, "packets are missing"}});
+    for (int step = 0; step < 20 && phase() != "darkening"; ++step) {
+      ASSERT_TRUE(Sequence::deadline(*state_)) << phase();
+      time_out();
+    }
+    EXPECT_EQ(phase(), "darkening");
+  }
+}
+
+// Whose edge it was, only the next ones could tell, and they have no level.
+TEST_F(ModesTest, ADamagedFrameIsARestartWhereOnlyTimesTellFlipsApart) {
+  SequenceRules sole = boxless();
+  sole.ledger.relies_on_swaps = true;
+  for (const SequenceRules& rules : {boxless(), sole}) {
+    play(rules);
+    prime();
+    swap();
+    tell(rig::FrameDamaged{++number_, {rig::Fault::kFrameIncomplete, "packets are missing"}});
+    ASSERT_FALSE(reacted_.empty());
+    EXPECT_EQ(found(), Incident::kFrameDamaged);
+    EXPECT_EQ(reacted_[0].reaction,
+              rules.ledger.relies_on_swaps ? Reaction::kRestart : Reaction::kRetake);
+  }
 }
 
 TEST_F(ModesTest, AStrayTriggerBeforeThePictureWasAskedForIsNoEdge) {
