@@ -11,6 +11,7 @@
 #include "hw_sim/world/identity_block.h"
 #include "hw_sim/world/scene.h"
 #include "tests/hw_sim/world/test_rig.h"
+#include "tests/temporary_folder.h"
 
 namespace hw_sim {
 namespace {
@@ -97,7 +98,7 @@ TEST(HeadWorld, NobodyInTheChairIsDarkAndHasTruth) {
   const auto white = shared_picture(rig, estimation::White{}, 1);
   const auto frame = shot(*world, {{white, microseconds(10000)}}, microseconds(10000));
   for (const auto v : frame.samples()) EXPECT_EQ(v, 64);
-  const ScratchFolder folder("empty");
+  const test_support::TemporaryFolder folder;
   EXPECT_TRUE(world->write_truth(folder.path()));
 }
 
@@ -153,7 +154,7 @@ class FaceTruth : public testing::Test {
     bare_ = new Image<float>(bare->linear_image(make_picture(*rig_, estimation::White{})));
     const auto world = make_world(*rig_, scene("face_female", true));
     full_ = new Image<float>(world->linear_image(make_picture(*rig_, estimation::White{})));
-    const ScratchFolder folder("truth");
+    const test_support::TemporaryFolder folder;
     ASSERT_TRUE(world->write_truth(folder.path()));
     maps_ = new estimation::Maps(*estimation::read_maps(folder.path()));
     extra_ =
@@ -318,7 +319,7 @@ TEST_P(EveryScene, IsSeenLitAndHasItsTruthAndLeavesTheCornerToTheIdentity) {
   const auto world = make_world(rig, scene(GetParam()));
   ASSERT_TRUE(world);
   const Image<float> white = world->linear_image(make_picture(rig, estimation::White{}));
-  const ScratchFolder folder("scene");
+  const test_support::TemporaryFolder folder;
   ASSERT_TRUE(world->write_truth(folder.path()));
   const auto maps = estimation::read_maps(folder.path());
   const auto extra = estimation::read_exr(folder.path() / "scene.exr");
@@ -368,7 +369,7 @@ TEST(HeadWorld, ALensBendsThePictureAsOpenCvSays) {
   TestRig rig = make_test_rig(49, 36, 8);
   rig.calibration.camera.distortion = {-0.4, 0.1, 0.002, -0.003, 0.01};
   const auto world = make_world(rig, scene("flat_phantom"));
-  const ScratchFolder folder("lens");
+  const test_support::TemporaryFolder folder;
   ASSERT_TRUE(world->write_truth(folder.path()));
   const auto maps = estimation::read_maps(folder.path());
   ASSERT_TRUE(maps);
@@ -405,7 +406,7 @@ TEST(Interreflection, AConvexBodyHasNone) {
 
 TEST(TransportCache, SecondStartReadsWhatTheFirstComputed) {
   const TestRig rig = make_test_rig(49, 36, 4);
-  const ScratchFolder folder("cache");
+  const test_support::TemporaryFolder folder;
   SceneOptions options = scene("sphere");
   options.cache_folder = folder.path() / "below";
   const auto create = [&](bool& is_from_cache) {

@@ -7,6 +7,7 @@
 
 #include "estimation/session/maps.h"
 #include "tests/hw_sim/world/test_rig.h"
+#include "tests/temporary_folder.h"
 
 namespace hw_sim {
 namespace {
@@ -14,7 +15,7 @@ namespace {
 class Judge : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    folder_ = new ScratchFolder("judge");
+    folder_ = new test_support::TemporaryFolder;
     SceneOptions options;
     options.name = "flat_phantom";
     const auto world = make_world(make_test_rig(49, 36, 4), options);
@@ -35,9 +36,9 @@ class Judge : public testing::Test {
     EXPECT_TRUE(report) << (report ? "" : report.error().text());
     return report ? *report : JudgeReport{};
   }
-  static ScratchFolder* folder_;
+  static test_support::TemporaryFolder* folder_;
 };
-ScratchFolder* Judge::folder_ = nullptr;
+test_support::TemporaryFolder* Judge::folder_ = nullptr;
 
 TEST_F(Judge, TheTruthIsWithoutError) {
   const JudgeReport report = judged([](estimation::Maps&) {});

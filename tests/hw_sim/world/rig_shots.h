@@ -8,12 +8,13 @@
 
 #include "hw_sim/devices/in_process_rig.h"
 #include "tests/hw_sim/world/test_rig.h"
+#include "tests/temporary_folder.h"
 
 namespace hw_sim {
 
 // Transport that worlds of one test program share.
-inline const ScratchFolder& shared_cache() {
-  static const ScratchFolder folder("shared_cache");
+inline const test_support::TemporaryFolder& shared_cache() {
+  static const test_support::TemporaryFolder folder;
   return folder;
 }
 

@@ -17,6 +17,7 @@
 #include "hw_sim/world/white_walk.h"
 #include "tests/hw_sim/world/kernel_spectrum.h"
 #include "tests/hw_sim/world/test_rig.h"
+#include "tests/temporary_folder.h"
 
 namespace hw_sim {
 namespace {
@@ -30,8 +31,8 @@ constexpr int kPhotons = 150'000;
 
 constexpr std::uint64_t kWorldsSeed = 20260;  // of hw_sim/world/head_light.cpp
 
-const ScratchFolder& cache() {
-  static const ScratchFolder folder("scattering_cache");
+const test_support::TemporaryFolder& cache() {
+  static const test_support::TemporaryFolder folder;
   return folder;
 }
 
@@ -221,7 +222,7 @@ TEST(ScatterTable, SwappingTheDirectionsChangesNothing) {
 }
 
 TEST(ScatterTable, IsTheSameForAnyNumberOfThreadsAndFromItsFile) {
-  const ScratchFolder folder("scattering");
+  const test_support::TemporaryFolder folder;
   const ScatterTable made = ScatterTable::cached(folder.path(), 1600, 9, {});
   const ScatterTable read =
       ScatterTable::cached(folder.path(), 1600, 9, [](double) { ADD_FAILURE() << "walked again"; });

@@ -13,6 +13,7 @@
 #include "hw_sim/world/identity_block.h"
 #include "hw_sim/world/simulated_rig.h"
 #include "tests/hw_sim/world/test_rig.h"
+#include "tests/temporary_folder.h"
 
 namespace hw_sim {
 namespace {
@@ -44,7 +45,7 @@ TEST(SessionIdentity, EveryFrameIsTheOneItsSlotNames) {
   scene.has_indirect = false;
   const auto world = HeadWorld::create(rig->camera, rig->projector, rig->calibration, scene);
   ASSERT_TRUE(world) << world.error().detail;
-  const ScratchFolder folder("identity_session");
+  const test_support::TemporaryFolder folder;
   capture::CaptureOptions options;
   options.directory = folder.path();
   options.product = capture::CaptureProduct::kFramesAlone;

@@ -8,6 +8,7 @@
 
 #include "estimation/session/maps.h"
 #include "tests/hw_sim/world/phantom_shots.h"
+#include "tests/temporary_folder.h"
 
 namespace hw_sim {
 namespace {
@@ -26,7 +27,7 @@ struct PoseLine {
 };
 
 std::vector<PoseLine> poses_of(const HeadWorld& world) {
-  const ScratchFolder folder("poses");
+  const test_support::TemporaryFolder folder;
   EXPECT_TRUE(world.write_truth(folder.path()));
   std::ifstream file(folder.path() / "poses.csv");
   std::string line;
@@ -253,7 +254,7 @@ TEST(Interreflection, EachBounceInAWedgeIsThatOfTwoPages) {
   std::vector<estimation::Maps> truths;
   for (const int bounces : {1, 2}) {
     scene.bounces = bounces;
-    const ScratchFolder folder("wedge");
+    const test_support::TemporaryFolder folder;
     ASSERT_TRUE(make_world(rig, scene)->write_truth(folder.path()));
     truths.push_back(*estimation::read_maps(folder.path()));
   }

@@ -2,11 +2,8 @@
 #pragma once
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
-#include <filesystem>
 #include <memory>
-#include <string>
 
 #include "estimation/session/manifest.h"
 #include "estimation/session/pattern.h"
@@ -67,25 +64,5 @@ inline Picture make_picture(const TestRig& rig, const estimation::PatternKind& k
                             std::uint64_t id = 1) {
   return {id, estimation::render_pattern(kind, rig.projector.height_px, rig.projector.width_px)};
 }
-
-// A folder of the test's own, removed with it.
-class ScratchFolder {
- public:
-  explicit ScratchFolder(const std::string& name)
-      : path_(std::filesystem::temp_directory_path() /
-              ("ssrig_world_" + name + "_" + std::to_string(::getpid()))) {
-    std::filesystem::create_directories(path_);
-  }
-  ~ScratchFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  ScratchFolder(const ScratchFolder&) = delete;
-  ScratchFolder& operator=(const ScratchFolder&) = delete;
-  const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
 
 }  // namespace hw_sim
