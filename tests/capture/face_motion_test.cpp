@@ -2,35 +2,31 @@
 // lamp that flickers: what the repeats of the first pattern say, against what the world did.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cmath>
-#include <filesystem>
 #include <fstream>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 
 #include "tests/capture/face_rig.h"
+#include "tests/temporary_folder.h"
 
 namespace capture {
 namespace {
 
-namespace fs = std::filesystem;
 using testing::HasSubstr;
 using testing::StartsWith;
 
 class FaceMotion : public testing::Test {
  protected:
-  static void SetUpTestSuite() {
-    std::string name = (fs::temp_directory_path() / "ssrig_motion_XXXXXX").string();
-    folder_ = ::mkdtemp(name.data());
-  }
-  static void TearDownTestSuite() { fs::remove_all(folder_); }
+  static void SetUpTestSuite() { folder_ = std::make_unique<test_support::TemporaryFolder>(); }
+  static void TearDownTestSuite() { folder_.reset(); }
 
   // The report of a capture under such effects.
   static nlohmann::json watch(const hw_sim::Effects& effects) {
     CaptureOptions options;
-    options.directory = folder_ / "sessions";
+    options.directory = folder_->path() / "sessions";
     options.estimator.is_geometry_only = true;  // the maps are not what is looked at
     const rig::RigFile rig_file = small_rig();
     const auto world = make_face(rig_file, {.name = "face_female",
@@ -38,7 +34,7 @@ class FaceMotion : public testing::Test {
                                             .has_indirect = false,
                                             .has_identity = false,
                                             .seed = 7,
-                                            .cache_folder = folder_ / "cache"});
+                                            .cache_folder = folder_->path() / "cache"});
     const CaptureResult result = capture_once(rig_file, *world, options);
     EXPECT_EQ(result.exit_code, ExitCode::kDone) << result.message;
     std::printf("%s\n", result.motion.c_str());
@@ -46,9 +42,9 @@ class FaceMotion : public testing::Test {
     return nlohmann::json::parse(file, nullptr, false);
   }
 
-  static fs::path folder_;
+  static std::unique_ptr<test_support::TemporaryFolder> folder_;
 };
-fs::path FaceMotion::folder_;
+std::unique_ptr<test_support::TemporaryFolder> FaceMotion::folder_;
 
 TEST_F(FaceMotion, StillFaceIsGood) {
   const nlohmann::json report = watch({});

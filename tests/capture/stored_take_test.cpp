@@ -5,10 +5,11 @@
 
 #include <filesystem>
 
+#include "tests/temporary_folder.h"
+
 namespace {
 
 using namespace std::chrono_literals;
-namespace fs = std::filesystem;
 
 const std::string kBegun = R"({"event":"take begun","exposures_us":[16667,66667],"order":[0,2,1],)"
                            R"("settings":{"sequence.sync":"trigger_box"}})"
@@ -58,16 +59,16 @@ TEST(Journal, IsNotFelledByADeeplyNestedSetting) {
 }
 
 TEST(Journal, IsEmptyWhereThereIsNone) {
-  const capture::Journal journal = capture::read_journal(fs::temp_directory_path() / "no session");
+  const test_support::TemporaryFolder folder;
+  const capture::Journal journal = capture::read_journal(folder.path() / "no session");
   EXPECT_FALSE(journal.beginning);
   EXPECT_TRUE(journal.frames.empty());
 }
 
 TEST(Journal, IsEmptyWhereItIsAFolder) {
-  const fs::path session = fs::path(testing::TempDir()) / "journal_is_a_folder";
-  fs::create_directories(session / "journal.jsonl");
-  EXPECT_FALSE(capture::read_journal(session).beginning);
-  fs::remove_all(session);
+  const test_support::TemporaryFolder session;
+  ASSERT_TRUE(std::filesystem::create_directories(session.path() / "journal.jsonl"));
+  EXPECT_FALSE(capture::read_journal(session.path()).beginning);
 }
 
 }  // namespace

@@ -50,14 +50,13 @@ std::string decode_base64(const std::string& text) {
 }  // namespace
 
 Browser::Browser() {
-  std::string pattern = (std::filesystem::temp_directory_path() / "ssrig-browser.XXXXXX").string();
-  profile_ = mkdtemp(pattern.data());
   const std::string port = std::to_string(free_port());
   driver_pid_ = fork();
   if (driver_pid_ == 0) {
     setpgid(0, 0);
     for (const char* name : {"LD_PRELOAD", "UMOCKDEV_DIR"})
       unsetenv(name);  // of a virtual rig around the test
+    setenv("TMPDIR", profile_.path().c_str(), 1);
     const std::string argument = "--port=" + port;
     execlp("chromedriver", "chromedriver", argument.c_str(), "--log-level=OFF", nullptr);
     _exit(127);
@@ -75,7 +74,7 @@ Browser::Browser() {
                               "--disable-component-update",
                               "--disable-sync",
                               "--window-size=1200,1400",
-                              "--user-data-dir=" + profile_.string()};
+                              "--user-data-dir=" + (profile_.path() / "profile").string()};
   if (geteuid() == 0) arguments.push_back("--no-sandbox");  // Chromium refuses its sandbox to root
   const nlohmann::json wish = {
       {"capabilities",
@@ -90,8 +89,7 @@ Browser::~Browser() {
   driver_->Delete(session_);
   kill(-driver_pid_, SIGTERM);
   waitpid(driver_pid_, nullptr, 0);
-  std::error_code ignored;  // Chromium may still be writing its profile
-  std::filesystem::remove_all(profile_, ignored);
+  kill(-driver_pid_, SIGKILL);  // Chromium may still be writing its profile
 }
 
 nlohmann::json Browser::call(const std::string& method, const std::string& path,

@@ -10,6 +10,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "tests/temporary_folder.h"
+
 namespace console {
 
 // Not thread-safe. A failed call records a test failure and returns an empty value.
@@ -38,7 +40,7 @@ class Browser {
   std::string element(const std::string& selector);
 
   int driver_pid_ = -1;
-  std::filesystem::path profile_;
+  test_support::TemporaryFolder profile_;  // and what the browser else leaves lying
   std::unique_ptr<httplib::Client> driver_;
   std::string session_;  // "/session/ID"
 };

@@ -16,6 +16,7 @@
 
 #include "capture/daemon/daemon_client.h"
 #include "capture/daemon/http_server.h"
+#include "tests/temporary_folder.h"
 
 namespace capture {
 namespace {
@@ -304,9 +305,9 @@ TEST(Daemon, PagesThatWereClosedMakeRoomForOthers) {
 }
 
 TEST(Daemon, OnlyListedPicturesAreServed) {
+  const test_support::TemporaryFolder folder;
   Rig rig;
-  std::string pattern = (std::filesystem::temp_directory_path() / "ssrig-daemon.XXXXXX").string();
-  rig.session_folder = mkdtemp(pattern.data());
+  rig.session_folder = folder.path();
   std::filesystem::create_directory(rig.session_folder / "report");
   std::ofstream(rig.session_folder / "report/sigma_a.png") << "picture";
   std::ofstream(rig.session_folder / "session.json") << "secret";
@@ -337,7 +338,6 @@ TEST(Daemon, OnlyListedPicturesAreServed) {
   expect_moved_away("a folder");
   ASSERT_EQ(::mkfifo(picture.c_str(), 0600), 0);
   expect_moved_away("a pipe");
-  std::filesystem::remove_all(rig.session_folder);
 }
 
 TEST(Daemon, AnAbortThatComesAfterALossLeavesTheLossStanding) {

@@ -8,6 +8,7 @@
 
 #include "capture/daemon/http_server.h"
 #include "tests/console/browser.h"
+#include "tests/temporary_folder.h"
 
 namespace console {
 namespace {
@@ -56,8 +57,8 @@ TEST_F(Page, CaptureIsOneClickWithTheSubject) {
 }
 
 TEST_F(Page, ShowsProgressThenThePictures) {
-  std::string pattern = (std::filesystem::temp_directory_path() / "ssrig-page.XXXXXX").string();
-  const std::filesystem::path session = mkdtemp(pattern.data());
+  const test_support::TemporaryFolder folder;
+  const std::filesystem::path& session = folder.path();
   // A 1 x 1 px PNG.
   const unsigned char png[] = {137, 80, 78,  71,  13, 10, 26,  10,  0,   0,   0,   13,  73,  72,
                                68,  82, 0,   0,   0,  1,  0,   0,   0,   1,   8,   0,   0,   0,
@@ -88,7 +89,6 @@ TEST_F(Page, ShowsProgressThenThePictures) {
       page_shows("document.querySelector('#pictures img') && document.querySelector('#pictures "
                  "img').naturalWidth === 1"));
   EXPECT_TRUE(page_shows("document.querySelector('figcaption').textContent === 'sigma a'"));
-  std::filesystem::remove_all(session);
 }
 
 TEST_F(Page, AbortIsOneClickWithoutAQuestion) {

@@ -2,12 +2,12 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <fstream>
 #include <string>
 
 #include "capture/doctor/needs.h"
+#include "tests/temporary_folder.h"
 
 namespace capture {
 namespace {
@@ -17,28 +17,17 @@ namespace fs = std::filesystem;
 // A host's files in a folder of their own.
 class HostFolder {
  public:
-  HostFolder()
-      : folder_(fs::path(testing::TempDir()) / ("host_facts_" + std::to_string(::getpid()))) {
-    fs::remove_all(folder_);
-  }
-  ~HostFolder() {
-    std::error_code ignored;
-    fs::remove_all(folder_, ignored);
-  }
-  HostFolder(const HostFolder&) = delete;
-  HostFolder& operator=(const HostFolder&) = delete;
-
   void put(const std::string& name, const std::string& text) const {
-    fs::create_directories((folder_ / name).parent_path());
-    std::ofstream(folder_ / name) << text;
+    fs::create_directories((path() / name).parent_path());
+    std::ofstream(path() / name) << text;
   }
-  fs::path path() const { return folder_; }
+  const fs::path& path() const { return folder_.path(); }
   HostPlaces places() const {
-    return {.proc = folder_ / "proc", .sys = folder_ / "sys", .dev = folder_ / "dev"};
+    return {.proc = path() / "proc", .sys = path() / "sys", .dev = path() / "dev"};
   }
 
  private:
-  fs::path folder_;
+  test_support::TemporaryFolder folder_;
 };
 
 rig::RigFile rig_in(const HostFolder& host) {
