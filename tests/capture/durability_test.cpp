@@ -15,6 +15,7 @@
 
 #include "capture/capture_job.h"
 #include "tests/capture/striped_world.h"
+#include "tests/temporary_folder.h"
 
 namespace {
 
@@ -97,10 +98,9 @@ namespace capture {
 namespace {
 
 TEST(Durability, EveryFileOfACaptureIsOnTheDiskBeforeItHasItsName) {
-  std::string name = (fs::temp_directory_path() / "ssrig_durable_XXXXXX").string();
-  ASSERT_NE(::mkdtemp(name.data()), nullptr);
-  const fs::path root = name;
-  const rig::RigFile rig_file = striped_rig_file(root);
+  const test_support::TemporaryFolder folder;
+  ASSERT_FALSE(folder.path().empty());
+  const rig::RigFile rig_file = striped_rig_file(folder.path());
   CaptureOptions options;
   options.directory = rig_file.storage.directory;
   options.created = std::chrono::system_clock::time_point(std::chrono::seconds(1'790'000'000));
@@ -117,7 +117,6 @@ TEST(Durability, EveryFileOfACaptureIsOnTheDiskBeforeItHasItsName) {
   EXPECT_THAT(disk_log().folders(), testing::IsSupersetOf({"frames", "maps", "report"}));
   EXPECT_THAT(disk_log().unsynced(), testing::IsEmpty());
   EXPECT_THAT(disk_log().forgetful_folders(), testing::IsEmpty());
-  fs::remove_all(root);
 }
 
 }  // namespace

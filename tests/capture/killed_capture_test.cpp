@@ -33,6 +33,7 @@
 #include "estimation/session/verify.h"
 #include "tests/capture/folder_files.h"
 #include "tests/capture/striped_world.h"
+#include "tests/temporary_folder.h"
 
 namespace capture {
 namespace {
@@ -121,12 +122,9 @@ milliseconds age_of(pid_t child) {
 class KilledCapture : public testing::Test {
  protected:
   void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "ssrig_kill_XXXXXX").string();
-    ASSERT_NE(::mkdtemp(name.data()), nullptr);
-    root_ = name;
+    ASSERT_FALSE(root_.empty());
     striped_rig_file(root_);
   }
-  void TearDown() override { fs::remove_all(root_); }
 
   fs::path sessions() const { return sessions_in(root_); }
 
@@ -183,7 +181,8 @@ class KilledCapture : public testing::Test {
     return all;
   }
 
-  fs::path root_;
+  const test_support::TemporaryFolder folder_;
+  const fs::path root_ = folder_.path();
 };
 
 TEST_F(KilledCapture, LeavesOnlyWholeFilesAndNoEarlierSessionIsTouched) {
