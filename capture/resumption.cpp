@@ -83,8 +83,10 @@ void compare_auxiliary_files(const fs::path& session, const fs::path& calibratio
   }
 }
 
+// As a reader of sessions has it: a mono camera's three equal bands are one there.
 Json comparable(const Manifest& manifest) {
-  Json json = Json::parse(estimation::format_manifest(manifest), nullptr, false);
+  const auto read = estimation::parse_manifest(estimation::format_manifest(manifest), "");
+  Json json = Json::parse(estimation::format_manifest(read.value_or(manifest)), nullptr, false);
   Json kept;
   for (const char* key : {"plan", "camera", "projector", "calibration", "patterns"})
     kept[key] = json.contains(key) ? json[key] : Json();

@@ -268,6 +268,19 @@ void SessionWriter::store(const std::string& line) {
   files_.journal.close();
 }
 
+// Somebody may have cleared away meanwhile what we have written.
+void SessionWriter::check_still_there() {
+  for (std::size_t i = 0; i < manifest_.frames.size(); ++i) {
+    const fs::path path = folder_ / manifest_.frames[i].file;
+    std::error_code unknown;
+    if (!is_stored_[i] || fs::is_regular_file(path, unknown)) continue;
+    is_stored_[i] = false;
+    set_fault({InputFault::kUnwritable, path.string(), "",
+               "was stored, and another program has removed it since; see which, and take what is "
+               "missing with ssrig capture --resume"});
+  }
+}
+
 Result<void> SessionWriter::finish(SessionState state,
                                    std::optional<estimation::SessionFailure> failure) {
   queue_.close();
@@ -275,6 +288,7 @@ Result<void> SessionWriter::finish(SessionState state,
   files_.reserve.close();
   if (files_.journal.is_open() && ::fsync(files_.journal.number()) != 0)
     set_fault(unwritable(folder_ / "journal.jsonl", std::strerror(errno)).value());
+  check_still_there();
   const auto unstored = fault();
   manifest_.state = unstored && state == SessionState::kComplete ? SessionState::kFailed : state;
   manifest_.failure = std::move(failure);

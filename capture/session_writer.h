@@ -58,9 +58,9 @@ class SessionWriter {
   // The first thing that could not be written; thread-safe.
   std::optional<estimation::InputError> fault() const;
 
-  // Waits for all that was handed over, then rewrites the manifest with the frames that are on
-  // disk. Once. Errors: fault()'s, or the manifest's own; a session that could not be stored is
-  // `failed` as far as that can be written.
+  // Waits for all that was handed over, sees that it is still there, then rewrites the manifest
+  // with the frames that are on disk. Once. Errors: fault()'s, or the manifest's own; a session
+  // that could not be stored is `failed` as far as that can be written.
   estimation::Result<void> finish(estimation::SessionState state,
                                   std::optional<estimation::SessionFailure> failure);
 
@@ -97,6 +97,7 @@ class SessionWriter {
   };
   estimation::Result<StoredFile> store_pixels(const CapturedFrame& frame, const std::string& file);
   std::size_t slot_index(SlotId slot) const;
+  void check_still_there();
   void set_fault(estimation::InputError error);
 
   const std::filesystem::path folder_;

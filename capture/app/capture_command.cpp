@@ -186,11 +186,18 @@ void add_capture_command(CLI::App& program, const Select& select) {
       ->check(CLI::IsMember({"paper"}))
       ->capture_default_str();
   command->add_option("--subject", arguments->options.subject, "who or what is photographed");
-  command->add_option("--out", arguments->directory,
-                      "where the session folder is made (default: as the rig file says)");
+  // An empty name is a script's mistake, and would capture anew, or elsewhere than it was meant.
+  const CLI::Validator is_name(
+      [](const std::string& name) { return name.empty() ? "name a folder" : std::string(); }, "",
+      "NAME");
+  command
+      ->add_option("--out", arguments->directory,
+                   "where the session folder is made (default: as the rig file says)")
+      ->check(is_name);
   command
       ->add_option("--resume", arguments->resume,
                    "a session that was interrupted or failed, to be finished")
+      ->check(is_name)
       ->excludes("--subject")
       ->excludes("--out");
   command->add_flag("--json", arguments->is_json, "the result as JSON");

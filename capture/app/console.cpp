@@ -1,8 +1,12 @@
 #include "capture/app/console.h"
 
+#include <fcntl.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <cstdio>
+#include <system_error>
+#include <tuple>
 
 namespace capture {
 
@@ -21,6 +25,22 @@ void ProgressLine::show(const std::string& text, bool is_important) {
   is_shown_ = true;
   std::fprintf(stderr, "\r\033[K%s", text.c_str());
   std::fflush(stderr);
+}
+
+void open_standard_streams() {
+  for (const int number : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
+    // The lowest number that is free is this one.
+    if (::fcntl(number, F_GETFD) < 0) std::ignore = ::open("/dev/null", O_RDWR);
+}
+
+ExitCode finish_output(ExitCode exit_code) {
+  errno = 0;
+  const bool is_written = std::fflush(stdout) == 0 && std::ferror(stdout) == 0;
+  const int error_number = errno;
+  if (is_written || error_number == EPIPE) return exit_code;
+  complain("standard output cannot be written: " + std::generic_category().message(error_number) +
+           "; what was done stands, what it says is lost");
+  return exit_code == ExitCode::kDone ? ExitCode::kFailed : exit_code;
 }
 
 void complain(const std::string& text) { std::fprintf(stderr, "ssrig: %s\n", text.c_str()); }

@@ -4,6 +4,8 @@
 #include <chrono>
 #include <string>
 
+#include "capture/exit_code.h"
+
 namespace capture {
 
 // Not thread-safe.
@@ -22,6 +24,14 @@ class ProgressLine {
   bool is_shown_ = false;
   std::chrono::steady_clock::time_point last_;
 };
+
+// Before a file is opened: one that got the number of a stream that whoever started us has closed
+// would have our messages written into it.
+void open_standard_streams();
+
+// After the last word on stdout: `exit_code`, but kFailed in place of kDone, and the reason told,
+// where what was said could not be written; a reader that has gone needs no more of it.
+ExitCode finish_output(ExitCode exit_code);
 
 // "ssrig: TEXT" on stderr.
 void complain(const std::string& text);

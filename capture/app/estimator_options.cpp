@@ -1,6 +1,13 @@
 #include "capture/app/estimator_options.h"
 
 namespace capture {
+namespace {
+
+// More than any stripes have, or any machine.
+constexpr int kMostHarmonics = 1000;
+constexpr int kMostThreads = 4096;
+
+}  // namespace
 
 void add_estimator_options(CLI::App& command, estimation::EstimatorOptions& options) {
   command
@@ -26,7 +33,7 @@ void add_estimator_options(CLI::App& command, estimation::EstimatorOptions& opti
       .add_option("--harmonics", options.harmonic_count,
                   "of the stripes, that the data are taken at: the first of them, at most this "
                   "many; 0: all")
-      ->check(CLI::NonNegativeNumber)
+      ->check(CLI::Range(0, kMostHarmonics))
       ->capture_default_str();
   command
       .add_option("--sweep-errors", options.sweep_errors,
@@ -37,7 +44,7 @@ void add_estimator_options(CLI::App& command, estimation::EstimatorOptions& opti
   command.add_flag("--refine", options.is_refined,
                    "least squares with geometry near borders and creases; several times the work");
   command.add_option("--threads", options.thread_count, "0: as many as the machine has")
-      ->check(CLI::NonNegativeNumber)
+      ->check(CLI::Range(0, kMostThreads))
       ->capture_default_str();
 }
 

@@ -39,5 +39,7 @@ int main(int argc, char** argv) {
   // write(), not reasons to end without a word.
   std::signal(SIGXFSZ, SIG_IGN);
   std::signal(SIGPIPE, SIG_IGN);
-  return static_cast<int>(command());
+  capture::open_standard_streams();
+  const capture::ExitCode exit_code = command();
+  return static_cast<int>(capture::finish_output(exit_code));
 }

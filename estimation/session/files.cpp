@@ -108,6 +108,11 @@ std::string explain_errno(int error_number) {
     case ENOSPC:
     case EDQUOT:
       return cause + ": free space on this disk or choose a folder on another";
+    case EMFILE:
+    case ENFILE:
+      return cause + ": raise the limit (ulimit -n) or close other programs";
+    case EIO:
+      return cause + ": the disk fails; see dmesg and choose a folder on another";
     case EFBIG:
       return cause + ": the file system or a limit (ulimit -f) refuses files of this size";
     case EACCES:

@@ -134,25 +134,49 @@ class Verification {
     return std::move(*channels);
   }
 
-  // One channel of factors, which frames or projector light are divided by.
-  void check_factors(const std::string& name, const std::string& pointer, int width_px,
-                     int height_px) {
+  // One channel of factors around 1; how many of them cannot be divided by. Nullopt if there is a
+  // problem.
+  std::optional<std::ptrdiff_t> check_factors(const std::string& name, const std::string& pointer,
+                                              int width_px, int height_px) {
     const auto channels = check_exr(name, pointer, width_px, height_px);
-    if (!channels) return;
+    if (!channels) return std::nullopt;
     if (channels->size() != 1) {
       add_problem({InputFault::kInvalid, full_name(name), "",
                    "has " + std::to_string(channels->size()) + " channels; expected 1"},
                   pointer);
+      return std::nullopt;
+    }
+    return std::ranges::count_if(channels->begin()->second.samples(), [](float factor) {
+      return !(std::isfinite(factor) && factor > 0);
+    });
+  }
+
+  // The estimator takes pixels without a response for damaged ones and goes on with the others.
+  void check_flat_field(const std::string& name) {
+    const CameraInfo& camera = manifest_.camera;
+    const std::string pointer = "/camera/flat_field";
+    const auto damaged = check_factors(name, pointer, camera.width_px, camera.height_px);
+    if (!damaged || *damaged == 0) return;
+    const std::ptrdiff_t pixel_count = std::ptrdiff_t{camera.width_px} * camera.height_px;
+    if (*damaged == pixel_count) {
+      add_problem({InputFault::kInvalid, full_name(name), "",
+                   "has no pixel that is finite and above 0; expected factors around 1"},
+                  pointer);
       return;
     }
-    const auto samples = channels->begin()->second.samples();
-    const bool is_positive = std::ranges::all_of(
-        samples, [](float factor) { return std::isfinite(factor) && factor > 0; });
-    if (!is_positive) {
-      add_problem({InputFault::kInvalid, full_name(name), "",
-                   "has pixels that are not finite or not above 0; expected factors around 1"},
-                  pointer);
-    }
+    note(std::to_string(*damaged) + " of " + std::to_string(pixel_count) +
+         " pixels are damaged, as /camera/flat_field says: not finite or not above 0 there; they "
+         "get no estimate");
+  }
+
+  void check_vignetting(const std::string& name) {
+    const ProjectorInfo& projector = manifest_.projector;
+    const std::string pointer = "/calibration/irradiance/vignetting";
+    const auto unusable = check_factors(name, pointer, projector.width_px, projector.height_px);
+    if (unusable.value_or(0) == 0) return;
+    add_problem({InputFault::kInvalid, full_name(name), "",
+                 "has pixels that are not finite or not above 0; expected factors around 1"},
+                pointer);
   }
 
   void check_transfer_file(const TransferFile& transfer) {
@@ -165,17 +189,10 @@ class Verification {
   }
 
   void check_calibration_files() {
-    const CameraInfo& camera = manifest_.camera;
-    const ProjectorInfo& projector = manifest_.projector;
     const Calibration& calibration = manifest_.calibration;
-    if (camera.flat_field_file) {
-      check_factors(*camera.flat_field_file, "/camera/flat_field", camera.width_px,
-                    camera.height_px);
-    }
-    if (calibration.irradiance && calibration.irradiance->vignetting_file) {
-      check_factors(*calibration.irradiance->vignetting_file, "/calibration/irradiance/vignetting",
-                    projector.width_px, projector.height_px);
-    }
+    if (manifest_.camera.flat_field_file) check_flat_field(*manifest_.camera.flat_field_file);
+    if (calibration.irradiance && calibration.irradiance->vignetting_file)
+      check_vignetting(*calibration.irradiance->vignetting_file);
     if (calibration.stripe_transfer) {
       if (const auto* file = std::get_if<TransferFile>(&*calibration.stripe_transfer)) {
         check_transfer_file(*file);

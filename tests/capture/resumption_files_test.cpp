@@ -122,5 +122,38 @@ TEST_F(Resumed, NoFileIsOverwritten) {
   EXPECT_EQ(files_of(result.session)["frames/pattern_079_bracket_1.tiff"], "precious");
 }
 
+TEST_F(Resumed, AFrameThatSomebodyRemovedMeanwhileIsMissing) {
+  const auto job = prepare();
+  ASSERT_TRUE(job) << job.error().message;
+  fs::path removed;
+  const CaptureResult result = run(*job, {}, [&](const CaptureProgress& progress) {
+    if (!removed.empty() || progress.slots_filled < 60) return;
+    for (const auto& folder : fs::directory_iterator(rig_file_.storage.directory))
+      removed = folder.path() / "frames/pattern_003_bracket_1.tiff";
+    EXPECT_TRUE(fs::remove(removed));
+  });
+  EXPECT_EQ(result.exit_code, ExitCode::kStorage) << result.message;
+  EXPECT_THAT(result.message, HasSubstr("another program has removed it since"));
+  const auto manifest = estimation::read_manifest(result.session);
+  ASSERT_TRUE(manifest);
+  EXPECT_EQ(manifest->state, estimation::SessionState::kFailed);
+  EXPECT_EQ(manifest->frames.size(), static_cast<std::size_t>(kSlotCount - 1));
+  EXPECT_EQ(capture(result.session).exit_code, ExitCode::kDone);
+  expect_whole(result.session);
+}
+
+TEST_F(Resumed, ThreeEqualBandsOfAMonoCameraAreOne) {
+  std::ifstream file(rig_file_.calibration_file);
+  auto calibration = nlohmann::ordered_json::parse(file);
+  auto& signal = calibration["irradiance"]["signal_per_us"];
+  ASSERT_EQ(signal.size(), 1U);
+  signal = {signal[0], signal[0], signal[0]};
+  std::ofstream(rig_file_.calibration_file) << calibration.dump(1);
+  const fs::path session = interrupted_take();
+  const CaptureResult result = capture(session);
+  EXPECT_EQ(result.exit_code, ExitCode::kDone) << result.message;
+  expect_whole(session);
+}
+
 }  // namespace
 }  // namespace capture

@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <limits>
+
 #include "estimation/session/frame_io.h"
 #include "estimation/session/maps.h"
 #include "session_folder.h"
@@ -122,7 +124,7 @@ TEST(Verify, CalibrationFilesAreReadAndMeasured) {
   write_plane(session.path() / "flat.exr", {"R", "G"}, 48, 64, 1);
   expect_one_problem(session, flat, "has 2 channels; expected 1");
   write_plane(session.path() / "flat.exr", {"Y"}, 48, 64, 0);
-  expect_one_problem(session, flat, "not above 0");
+  expect_one_problem(session, flat, "has no pixel that is finite and above 0");
   write_text(session.path() / "flat.exr", "no EXR");
   expect_one_problem(session, flat, "flat.exr");
   write_plane(session.path() / "flat.exr", {"Y"}, 48, 64, 1);
@@ -140,6 +142,19 @@ TEST(Verify, CalibrationFilesAreReadAndMeasured) {
                      "has 1.2 in channel R.1 at column 0, row 0");
   write_plane(session.path() / "transfer.exr", {"R.1", "G.1", "B.1"}, 48, 64, 1.01F);  // noise
   EXPECT_THAT(texts(verified(session.path())), IsEmpty());
+}
+
+TEST(Verify, DamagedPixelsOfAFlatFieldAreNoted) {
+  BreakableSession session;
+  session.document()["camera"]["flat_field"] = "flat.exr";
+  Image<float> flat(48, 64, 1, 1.0F);
+  flat.at(3, 4) = 0;
+  flat.at(5, 6) = -1;
+  flat.at(7, 8) = std::numeric_limits<float>::quiet_NaN();
+  ASSERT_TRUE(write_exr(session.path() / "flat.exr", {{"Y", flat.view()}}, {}));
+  const VerifyReport report = verified(session.path());
+  EXPECT_THAT(texts(report), IsEmpty());
+  EXPECT_THAT(report.notes, testing::Contains(HasSubstr("3 of 3072 pixels are damaged")));
 }
 
 TEST(Verify, PatternPicturesAreReadAndMeasured) {
