@@ -291,7 +291,9 @@ std::vector<BriefChange> joined(const BlockGrid& grid, const std::vector<SeenFra
 }  // namespace
 
 BlockGrid block_grid(const CameraInfo& camera, Axis axis, double period_px) {
-  const auto even = [](double side_px) { return 2 * static_cast<int>(std::lround(side_px / 2)); };
+  const auto even = [&camera](double side_px) {
+    return 2 * static_cast<int>(std::lround(std::min<double>(side_px, camera.width_px) / 2));
+  };
   const int side_px =
       std::max(kSmallestBlock, even(static_cast<double>(camera.width_px) / kBlocksAcross));
   const int along_px = std::clamp(even(period_px), side_px, 3 * side_px);

@@ -164,6 +164,7 @@ class ComplementCheck {
     double surplus_square = 0;  // of the pair
     std::vector<Suspicion> suspicions;
     std::vector<std::pair<std::size_t, std::string>> blind;
+    std::vector<std::pair<std::size_t, double>> visible;  // frame; square of the change to find
   };
 
   static std::vector<std::size_t> frames_of(const std::vector<Complement>& pairs) {
@@ -276,7 +277,10 @@ class ComplementCheck {
     }
     const auto all = static_cast<double>(expected.sum.size());
     // Its complement was brighter than white: other light came in, and says nothing of this one.
-    if (static_cast<double>(impossible_count) > kFewestQuietFrac * all) return;
+    if (static_cast<double>(impossible_count) > kFewestQuietFrac * all) {
+      judgement.blind.emplace_back(frame, "its complement shows more light than white does");
+      return;
+    }
     const auto suspect = [&](const Share& share, std::optional<int> seen_pattern) {
       if (share.frac > limit)
         judgement.suspicions.push_back({{frame, share.frac, seen_pattern, {}},
@@ -293,6 +297,8 @@ class ComplementCheck {
       const Share share = share_by(expected, light_at(camera_, table_, picture));
       if (!share.is_visible && direction < 0)
         judgement.blind.emplace_back(frame, "looks like the picture that was shown before it");
+      if (share.is_visible && direction < 0)
+        judgement.visible.emplace_back(frame, share.change_square);
       if (other == partner && is_motion(pair, is_second, expected, share)) continue;
       suspect(share, picture.pattern);
     }
@@ -314,12 +320,17 @@ class ComplementCheck {
     return std::abs(back.frac - share.frac) < kAlike * share.frac;
   }
 
-  // Of all pairs; it no longer tells of others, which are judged anew where it did. False: none.
-  bool find_worst() {
+  // What pairs that are right do not add up to: noise.
+  double usual_surplus_square() const {
     std::vector<double> squares;
     for (std::size_t pair = 0; pair < pairs_.size(); ++pair)
       if (is_clean_[pair]) squares.push_back(judgements_[pair].surplus_square);
-    const double usual = median_of(std::move(squares));
+    return median_of(std::move(squares));
+  }
+
+  // Of all pairs; it no longer tells of others, which are judged anew where it did. False: none.
+  bool find_worst() {
+    const double usual = usual_surplus_square();
     std::size_t worst = pairs_.size();
     const Suspicion* suspicion = nullptr;
     for (std::size_t pair = 0; pair < pairs_.size(); ++pair) {
@@ -357,8 +368,12 @@ class ComplementCheck {
   }
 
   void tell_unchecked() {
+    const double usual = usual_surplus_square();
     for (std::size_t pair = 0; pair < pairs_.size(); ++pair) {
       if (!is_clean_[pair]) continue;
+      for (const auto& [frame, change_square] : judgements_[pair].visible)
+        if (change_square < kLeastSignal * usual)
+          judgements_[pair].blind.emplace_back(frame, "too little light for its noise");
       check_.judged_count += 2 - judgements_[pair].blind.size();
       check_.unchecked.insert(check_.unchecked.end(), judgements_[pair].blind.begin(),
                               judgements_[pair].blind.end());

@@ -22,10 +22,6 @@ constexpr double kCellsShared = 4 * std::numbers::pi * kSmoothing * kSmoothing;
 constexpr int kBlocksAcross = 24, kSmallestBlock = 8;
 // An eye is smaller than what a shift can be told from.
 constexpr int kPlacesAcross = 48, kSmallestPlace = 4;
-// Of the pattern's period: levels the stripes to 3%, and the face's own picture as little as may
-// be.
-constexpr double kPeriodSmoothing = 0.42;
-constexpr double kLongestSmoothing = 0.1;  // of the picture's width: a coarse Gray code has no mean
 
 using Vec4 = cv::Vec4d;
 using Mat4 = cv::Matx44d;
@@ -130,7 +126,7 @@ class Fit {
       : blocks_(blocks),
         smoothing_(smoothing),
         first_(smoothed(first.light, smoothing)),
-        mean_(smoothed(first.light, mean_sigma(first, period_px))),
+        mean_(local_mean(first, period_px)),
         second_(second.light),
         first_usable_(shrunk(first.is_usable, kMargin)),
         second_usable_(shrunk(second.is_usable, kMargin)) {
@@ -229,10 +225,6 @@ class Fit {
   }
 
  private:
-  static double mean_sigma(const Picture& picture, double period_px) {
-    return std::clamp(kPeriodSmoothing * period_px / picture.bin_px, kSmoothing,
-                      std::max(kSmoothing, kLongestSmoothing * picture.light.width_px()));
-  }
   int height() const { return first_.height_px(); }
   int width() const { return first_.width_px(); }
   bool is_compared(int row, int col) const {
@@ -299,13 +291,16 @@ std::vector<std::optional<BlockChange>> block_changes(const std::vector<NormalEq
 }
 
 // Standard deviations of the whole by leaving out one block at a time: that needs no assumption
-// about how errors of neighbours hang together within a block.
-Vec4 jackknife_sd(const std::vector<NormalEquations>& sums, const NormalEquations& all) {
+// about how errors of neighbours hang together within a block. nullopt: there are too few.
+std::optional<Vec4> jackknife_sd(const std::vector<NormalEquations>& sums,
+                                 const NormalEquations& all) {
   std::vector<Vec4> answers;
   for (const NormalEquations& block : sums) {
     if (block.cell_count == 0) continue;
     if (const auto without = (all - block).solution()) answers.push_back(*without);
   }
+  constexpr std::size_t kFewestAnswers = 3;
+  if (answers.size() < kFewestAnswers) return std::nullopt;
   Vec4 mean{0, 0, 0, 0}, squares{0, 0, 0, 0}, sd{0, 0, 0, 0};
   const auto count = static_cast<double>(answers.size());
   for (const Vec4& answer : answers) mean += answer * (1 / count);
@@ -427,6 +422,9 @@ Result<FrameChange> measure_change(const CameraInfo& camera, double period_px,
                                        "a frame to compare is not of the camera's size"});
   }
   const Picture before = make_picture(camera, first), after = make_picture(camera, second);
+  constexpr int kShortestSide = 2 * kMargin + kSmallestPlace;  // cells: less, and none is compared
+  if (std::min(before.light.height_px(), before.light.width_px()) < kShortestSide)
+    return cannot_compare("the picture is too small to compare it");
   const Blocks blocks = find_lit_blocks(before, kBlocksAcross, kSmallestBlock);
   Fit fit(camera, before, after, blocks, kSmoothing, period_px);
   constexpr int kFewestCells = 200;
@@ -442,7 +440,8 @@ Result<FrameChange> measure_change(const CameraInfo& camera, double period_px,
   const auto sums = fit.normal_equations(*found);
   NormalEquations all;
   for (const NormalEquations& block : sums) all += block;
-  const Vec4 sd = jackknife_sd(sums, all);
+  const auto sd = jackknife_sd(sums, all);
+  if (!sd) return cannot_compare("too little of the picture is lit and not clipped to compare it");
   const auto changes = block_changes(fit.normal_equations(*found, Outliers::kCounted), *found);
 
   FrameChange change;
@@ -450,13 +449,13 @@ Result<FrameChange> measure_change(const CameraInfo& camera, double period_px,
       fit.cell_count() / static_cast<double>(before.light.height_px() * before.light.width_px());
   change.shift_row_px = found->row * before.bin_px;
   change.shift_col_px = found->col * before.bin_px;
-  change.shift_row_sd_px = sd[0] * before.bin_px;
-  change.shift_col_sd_px = sd[1] * before.bin_px;
+  change.shift_row_sd_px = (*sd)[0] * before.bin_px;
+  change.shift_col_sd_px = (*sd)[1] * before.bin_px;
   change.local_shift_px = rms_shift_cells(changes) * before.bin_px;
   change.light_frac = found->gain - 1;
-  change.light_sd_frac = sd[2];
+  change.light_sd_frac = (*sd)[2];
   change.ambient_frac = found->ambient;
-  change.ambient_sd_frac = sd[3];
+  change.ambient_sd_frac = (*sd)[3];
   change.residual_frac = unexplained_frac;
   const Blocks places = find_lit_blocks(before, kPlacesAcross, kSmallestPlace);
   Fit at_places(camera, before, after, places, kSmoothing, period_px);

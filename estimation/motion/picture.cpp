@@ -83,6 +83,7 @@ Image<float> smoothed(const Image<float>& light, double sigma_cells, const CellS
   const int height = light.height_px(), width = light.width_px();
   const double whole_rows = std::round(shift.row), whole_cols = std::round(shift.col);
   Image<float> result(height, width);
+  if (result.empty()) return result;
   cv::Mat into = as_mat(result);
   cv::sepFilter2D(as_mat(light), into, CV_32F, kernel_around(shift.col - whole_cols, sigma_cells),
                   kernel_around(shift.row - whole_rows, sigma_cells), {-1, -1}, 0,
@@ -96,6 +97,16 @@ Image<float> smoothed(const Image<float>& light, double sigma_cells, const CellS
           result.at(from_row, std::clamp(col + static_cast<int>(whole_cols), 0, width - 1));
   }
   return moved;
+}
+
+Image<float> local_mean(const Picture& picture, double period_px) {
+  // Of the period: levels the stripes to 3%, and the face's own picture as little as may be.
+  constexpr double kPeriodSmoothing = 0.42;
+  constexpr double kLeastSmoothing = 1.0;    // cells
+  constexpr double kLongestSmoothing = 0.1;  // of the width: a coarse Gray code has no mean
+  const double longest = std::max(kLeastSmoothing, kLongestSmoothing * picture.light.width_px());
+  return smoothed(picture.light, std::clamp(kPeriodSmoothing * period_px / picture.bin_px,
+                                            kLeastSmoothing, longest));
 }
 
 CellShift coarse_shift(const Image<float>& first, const Image<float>& second) {

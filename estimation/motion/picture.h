@@ -27,7 +27,12 @@ struct CellShift {
 
 // light(row + shift.row, col + shift.col) under a Gaussian of at least one cell: so wide, its
 // samples at any fraction of a cell are as good as itself, and the shift is exact. Borders repeat.
+// Of nothing: nothing.
 Image<float> smoothed(const Image<float>& light, double sigma_cells, const CellShift& shift = {});
+
+// Its mean over a period of the pattern, as far as that is little against the picture: what the
+// skin gives back of light that comes from everywhere. `period_px` is the frame's; 0: none.
+Image<float> local_mean(const Picture& picture, double period_px);
 
 // Where `second` shows what `first` does, by phase correlation: whole cells, for a start.
 CellShift coarse_shift(const Image<float>& first, const Image<float>& second);

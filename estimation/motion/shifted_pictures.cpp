@@ -24,6 +24,9 @@ constexpr double kWrongShiftFrac = 0.2;  // of another shift's light
 // Half a period of the stripes is about 0.4: then light and phase are no longer told apart.
 constexpr double kMostCoherence = 0.2;
 constexpr double kLeastModulation = 0.8;  // of the neighbours': less, and a fifth is no stripes
+// Of the first harmonic's square, what noise alone makes of it: sensor noise in frames that show
+// nothing fits itself as well as stripes do.
+constexpr double kLeastSignal = 3;
 // Standard deviations from which on a frame is looked at without its own say.
 constexpr double kSuspect = 3;
 // A frame whose deviation no neighbour in time explains; 2 px of 40.
@@ -95,6 +98,27 @@ double coherence(const std::vector<std::vector<float>>& coefficients) {
     mean_square += mean * mean;
   }
   return std::norm(product) / (harmonic_square * mean_square);
+}
+
+// The square of the first harmonic, of what noise as large as the fit leaves would make of it.
+double signal_of(const HarmonicFit& fit, const std::vector<std::vector<float>>& coefficients,
+                 const std::vector<std::vector<float>>& light_dn) {
+  constexpr std::size_t kStride = 8;  // places enough
+  double signal = 0, left = 0;
+  for (std::size_t i = 0; i < coefficients[0].size(); i += kStride) {
+    signal += std::norm(
+        Complex(static_cast<double>(coefficients[1][i]), static_cast<double>(coefficients[2][i])));
+    for (std::size_t n = 0; n < light_dn.size(); ++n) {
+      double surplus = static_cast<double>(light_dn[n][i]);
+      for (int t = 0; t < fit.term_count(); ++t)
+        surplus -= fit.term(static_cast<int>(n), t) *
+                   static_cast<double>(coefficients[static_cast<std::size_t>(t)][i]);
+      left += surplus * surplus;
+    }
+  }
+  const auto count = static_cast<double>(light_dn.size());
+  const double variance = left / (count - fit.term_count());
+  return signal * count / (4 * std::max(variance, 1e-9));
 }
 
 // Relative to what the fit has for the frame's shift: 1 is right; the argument is the phase by
@@ -269,8 +293,9 @@ class ShiftCheck {
     constexpr std::size_t kFewest = 2 * (2 * kHarmonics), kMostSuspects = 4;
     const auto all = series_.frames.size() < kFewest ? std::nullopt : measure(std::nullopt);
     if (!all) {
-      check_ =
-          refuse("too few other shifts, or too little of a period, tell what it should look like");
+      check_ = refuse(
+          "too few other shifts, too little light or too little of a period tell what it should "
+          "look like");
       return false;
     }
     check_.speed_px_per_s = all->speed_px_per_s;
@@ -302,7 +327,10 @@ class ShiftCheck {
     const HarmonicFit fit(series_.phases_rad, without);
     if (!fit.is_solved()) return std::nullopt;
     const auto coefficients = fit.coefficients(table_.light_dn);
-    if (coherence(coefficients) > kMostCoherence) return std::nullopt;
+    // Negated: of no light at all it is no number.
+    if (!(coherence(coefficients) <= kMostCoherence) ||
+        !(signal_of(fit, coefficients, table_.light_dn) >= kLeastSignal))
+      return std::nullopt;
     std::vector<Complex> phasors;
     std::vector<double> elapsed_s;
     for (std::size_t n = 0; n < series_.frames.size(); ++n) {

@@ -88,7 +88,7 @@ class Equations {
         bin_px_(first.bin_px),
         first_(smoothed(first.light, kSmoothing)),
         second_(smoothed(second.light, kSmoothing)),
-        mean_(smoothed(first.light, std::max(kSmoothing, 0.42 * period_px / first.bin_px))),
+        mean_(local_mean(first, period_px)),
         first_usable_(shrunk(first.is_usable, 3)),
         second_usable_(shrunk(second.is_usable, 3)),
         shot_dn_(1 / camera.gain_e_per_dn.value_or(1) / (first.bin_px * first.bin_px)) {}
@@ -180,8 +180,8 @@ std::optional<Vec5> solve(const std::vector<Equation>& equations, std::vector<Su
   return answer;
 }
 
-// By leaving out one block at a time.
-Vec3 jackknife_sd_mm(const std::vector<Sums>& blocks) {
+// By leaving out one block at a time; nullopt: there are too few.
+std::optional<Vec3> jackknife_sd_mm(const std::vector<Sums>& blocks) {
   Sums all;
   for (const Sums& block : blocks) all.matrix += block.matrix, all.vector += block.vector;
   std::vector<Vec5> answers;
@@ -192,6 +192,8 @@ Vec3 jackknife_sd_mm(const std::vector<Sums>& blocks) {
     rest.vector = all.vector - block.vector;
     if (const auto answer = rest.solution()) answers.push_back(*answer);
   }
+  constexpr std::size_t kFewestAnswers = 3;
+  if (answers.size() < kFewestAnswers) return std::nullopt;
   const auto count = static_cast<double>(answers.size());
   Vec3 sd_mm;
   for (int i = 0; i < 3; ++i) {
@@ -234,9 +236,10 @@ Result<SurfaceMotion> measure_surface_motion(const CameraInfo& camera,
       static_cast<std::size_t>(Equations::kBlocksAcross * Equations::kBlocksDown));
   const auto answer = solve(equations, blocks);
   if (!answer) return insufficient("the surface does not tell three directions apart");
-  return SurfaceMotion{{(*answer)[0], (*answer)[1], (*answer)[2]},
-                       jackknife_sd_mm(blocks),
-                       static_cast<int>(equations.size())};
+  const auto sd_mm = jackknife_sd_mm(blocks);
+  if (!sd_mm) return insufficient("too little of the surface is lit");
+  return SurfaceMotion{
+      {(*answer)[0], (*answer)[1], (*answer)[2]}, *sd_mm, static_cast<int>(equations.size())};
 }
 
 }  // namespace estimation

@@ -24,6 +24,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 using testing::IsEmpty;
+using testing::StartsWith;
 
 // Under some pictures, by their place in the order of showing (0 is the priming), a share of the
 // light is that of the picture before; for so many showings of the picture.
@@ -125,10 +126,12 @@ class PictureCapture : public testing::Test {
     std::ifstream file(path);
     return {std::istreambuf_iterator<char>(file), {}};
   }
+  static nlohmann::json motion_of(const CaptureResult& result) {
+    return nlohmann::json::parse(text_of(result.session / "report/motion.json"), nullptr, false);
+  }
   static std::set<int> retaken_patterns(const CaptureResult& result) {
-    const auto motion =
-        nlohmann::json::parse(text_of(result.session / "report/motion.json"), nullptr, false);
     std::set<int> patterns;
+    const nlohmann::json motion = motion_of(result);
     for (const auto& each : motion["pictures"]["retaken"])
       patterns.insert(each["pattern"].get<int>());
     return patterns;
@@ -161,6 +164,32 @@ TEST_F(PictureCapture, AStalePictureIsTakenAgainAndItsFilesAreKeptAside) {
   const auto stored = check_stored_pictures(result.session);
   ASSERT_TRUE(stored);
   EXPECT_THAT(stored->wrong, IsEmpty()) << stored->text();
+}
+
+TEST_F(PictureCapture, TheVerdictOnMotionRestsOnTheFramesThatCount) {
+  for (const double share_frac : {1.0, 0.5}) {  // of the priming's black, in the first showing
+    SCOPED_TRACE(share_frac);
+    const CaptureResult result = capture({.showings = {1}, .share_frac = share_frac});
+    EXPECT_EQ(retaken_patterns(result), std::set<int>{pattern_at(1)});
+    EXPECT_THAT(result.motion, StartsWith("good: "));
+    EXPECT_EQ(motion_of(result)["verdict"], "good");
+    // The one that was to show the square's other level is a repeat like the others now.
+    EXPECT_EQ(motion_of(result)["repeats"].size(), 6U);
+  }
+}
+
+TEST_F(PictureCapture, ARepeatAmongWrongPicturesSaysNothingAndOneFollowsTheRetakes) {
+  const std::set<int> showings{21, 22, 23, 24, 25, 26, 27};
+  ASSERT_EQ(pattern_at(24), pattern_at(1)) << "not the repeat";
+  const CaptureResult result = capture({.showings = showings});
+  EXPECT_EQ(result.state, estimation::SessionState::kComplete) << result.message;
+  std::set<int> wrong;
+  for (const int showing : showings)
+    if (showing != 24) wrong.insert(pattern_at(showing));
+  EXPECT_THAT(retaken_patterns(result), testing::IsSupersetOf(wrong));
+  EXPECT_LE(retaken_patterns(result).size(), wrong.size() + 1) << "a neighbour of the run";
+  EXPECT_THAT(result.motion, StartsWith("good: "));
+  EXPECT_EQ(motion_of(result)["repeats"].size(), 4U);
 }
 
 TEST_F(PictureCapture, AnExposureThatStraddledTheSwapIsTakenAgain) {

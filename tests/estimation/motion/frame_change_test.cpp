@@ -6,7 +6,9 @@
 
 #include <random>
 #include <string>
+#include <utility>
 
+#include "estimation/motion/brief_change.h"
 #include "tests/estimation/motion/striped_head.h"
 
 namespace estimation {
@@ -136,6 +138,47 @@ TEST(FrameChange, WhatCannotBeComparedIsSaidSo) {
   ASSERT_FALSE(of_other);
   EXPECT_THAT(of_other.error().text(), HasSubstr("do not show the same"));
   EXPECT_FALSE(measure_change(striped_camera(64, 48), 12, head.view(), head.view()));
+}
+
+TEST(FrameChange, ALitSpotTooSmallToTellItsUncertaintyIsNotCompared) {
+  CameraInfo camera = striped_camera(2352, 1726);
+  camera.pixel_format.filter = ColorFilter::kMono;
+  Image<std::uint16_t> spot(camera.height_px, camera.width_px, 1, 64);
+  for (int row = 420; row < 510; ++row)  // inside one block of 26 cells of 4 px
+    for (int col = 420; col < 510; ++col)
+      spot.at(row, col) = static_cast<std::uint16_t>(500 + 40 * ((row / 7 + col / 11) % 9));
+  const auto change = measure_change(camera, 12, spot.view(), spot.view());
+  ASSERT_FALSE(change);
+  EXPECT_THAT(change.error().text(), HasSubstr("too little of the picture is lit"));
+}
+
+TEST(FrameChange, FramesOfAnySizeAndKindAreComparedOrRefused) {
+  for (const auto& [width_px, height_px] :
+       {std::pair(1, 1), std::pair(8, 8), std::pair(9, 9), std::pair(4096, 1), std::pair(4096, 6),
+        std::pair(1, 900), std::pair(64, 48)}) {
+    for (const ColorFilter filter :
+         {ColorFilter::kMono, ColorFilter::kBayerRG, ColorFilter::kRgb}) {
+      for (const int bit_depth : {8, 12, 16}) {
+        SCOPED_TRACE(testing::Message() << width_px << " x " << height_px << ", " << bit_depth);
+        CameraInfo camera;
+        camera.width_px = width_px;
+        camera.height_px = height_px;
+        camera.pixel_format = {filter, bit_depth};
+        Image<std::uint16_t> frame(height_px, width_px, sample_channel_count(filter));
+        std::mt19937_64 random(3);
+        for (auto& sample : frame.samples())
+          sample = static_cast<std::uint16_t>(random() % (1U << (bit_depth - 1)));
+        for (const double period_px : {0.0, 12.0, 1e12}) {
+          const auto change = measure_change(camera, period_px, frame.view(), frame.view());
+          if (change) {
+            EXPECT_LT(change->shift_col_sd_px + change->ambient_sd_frac, 1);
+          }
+          const BlockGrid grid = block_grid(camera, Axis::kColumn, period_px);
+          EXPECT_EQ(block_light(camera, grid, frame.view()).size(), grid.count());
+        }
+      }
+    }
+  }
 }
 
 }  // namespace

@@ -346,6 +346,37 @@ TEST(PictureIdentity, WhiteAndBlackBelongToThePairs) {
   EXPECT_THAT(check(patterns, pictures).text(), HasSubstr("pattern 1 bracket 0"));
 }
 
+TEST(PictureIdentity, AFrameThatFollowsItsOwnRepeatIsCheckedLikeAnyOther) {
+  const auto patterns = whole_plan();
+  auto pictures = capture(patterns, {}, 12);
+  SeenPicture repeat = pictures[9];
+  repeat.is_of_session = false;
+  repeat.elapsed_s -= 0.03;
+  pictures.push_back(repeat);
+  const PictureCheck found = check(patterns, pictures);
+  EXPECT_THAT(found.wrong, IsEmpty()) << found.text();
+  EXPECT_EQ(found.unchecked.size(), check(patterns, capture(patterns, {}, 12)).unchecked.size());
+}
+
+TEST(PictureIdentity, DarkConstantAndSaturatedFramesAccuseNobody) {
+  const auto patterns = whole_plan();
+  for (const double dn_per_white : {0.0, 1e6})
+    for (const std::uint64_t seed : {13U, 14U, 15U}) {
+      const PictureCheck found =
+          check(patterns, capture(patterns, {.dn_per_white = dn_per_white}, seed));
+      EXPECT_THAT(found.wrong, IsEmpty()) << found.text();
+      EXPECT_EQ(found.checked_count, 0);
+    }
+  for (const std::uint16_t level_dn : std::vector<std::uint16_t>{0, 64, 65, 2000, 4095, 65535}) {
+    auto pictures = capture(patterns, {}, 16);
+    for (SeenPicture& picture : pictures)
+      std::fill(picture.samples_dn.begin(), picture.samples_dn.end(), level_dn);
+    const PictureCheck found = check(patterns, pictures);
+    EXPECT_THAT(found.wrong, IsEmpty()) << found.text();
+    EXPECT_EQ(found.checked_count, 0) << level_dn;
+  }
+}
+
 TEST(PictureIdentity, NothingAndOneFrameAreNoCapture) {
   const auto patterns = whole_plan();
   EXPECT_EQ(check(patterns, {}).checked_count, 0);
