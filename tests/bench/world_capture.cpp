@@ -1,36 +1,18 @@
 #include "tests/bench/world_capture.h"
 
-#include <unistd.h>
-
 #include <chrono>
 #include <cstdio>
-#include <system_error>
 #include <utility>
 
 #include "hw_sim/devices/in_process_rig.h"
 
 namespace bench {
 
-namespace fs = std::filesystem;
-
 void Program::complain(const std::string& message) const {
   std::fprintf(stderr, "%s: %s\n", name.c_str(), message.c_str());
 }
 
-ScratchFolder::ScratchFolder(const Program& program)
-    : path_(fs::temp_directory_path() / (program.name + "-" + std::to_string(::getpid()))) {
-  std::error_code ignored;  // whoever writes there says so
-  fs::create_directories(path_, ignored);
-}
-
-ScratchFolder::~ScratchFolder() { clear(); }
-
-void ScratchFolder::clear() const {
-  std::error_code ignored;
-  fs::remove_all(path_, ignored);
-}
-
-std::optional<rig::RigFile> rig_file_of(const Program& program, const fs::path& file) {
+std::optional<rig::RigFile> rig_file_of(const Program& program, const std::filesystem::path& file) {
   auto rig_file = rig::read_rig_file(file);
   if (rig_file) return std::move(*rig_file);
   program.complain(rig_file.error().detail);

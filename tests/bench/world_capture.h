@@ -20,21 +20,6 @@ struct Program {
   void complain(const std::string& message) const;
 };
 
-// A folder of its own, gone with its owner.
-class ScratchFolder {
- public:
-  explicit ScratchFolder(const Program& program);
-  ~ScratchFolder();
-  ScratchFolder(const ScratchFolder&) = delete;
-  ScratchFolder& operator=(const ScratchFolder&) = delete;
-
-  const std::filesystem::path& path() const { return path_; }
-  void clear() const;
-
- private:
-  std::filesystem::path path_;
-};
-
 // nullopt: complained.
 std::optional<rig::RigFile> rig_file_of(const Program& program, const std::filesystem::path& file);
 std::optional<hw_sim::SimulatedRig> rig_of(const Program& program, const rig::RigFile& file);

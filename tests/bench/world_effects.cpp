@@ -11,6 +11,7 @@
 #include "estimation/session/maps.h"
 #include "hw_sim/world/judge.h"
 #include "tests/bench/world_capture.h"
+#include "tests/temporary_folder.h"
 
 namespace {
 
@@ -167,13 +168,12 @@ int run(const Options& options) {
       "|\n|---|---|---|---|---|---|---|"
       "---|---|---|---|---|---|\n");
   bool is_done = true;
-  const bench::ScratchFolder scratch(kProgram);
   for (const Case& each : cases()) {
     if (!options.only.empty() &&
         std::find(options.only.begin(), options.only.end(), each.name) == options.only.end())
       continue;
+    const test_support::TemporaryFolder scratch;
     is_done = show(each, *example, *rig_file, *rig, options, scratch.path()) && is_done;
-    scratch.clear();
   }
   return is_done ? 0 : 1;
 }

@@ -12,6 +12,7 @@
 #include "estimation/session/maps.h"
 #include "tests/bench/world_capture.h"
 #include "tests/capture/ledger_rig.h"
+#include "tests/temporary_folder.h"
 
 namespace {
 
@@ -151,7 +152,7 @@ int run(SpeedOptions options) {
   if (!rig_file) return 2;
   const auto rig = bench::rig_of(kProgram, *rig_file);
   if (!rig) return 2;
-  const bench::ScratchFolder folder(kProgram);
+  const test_support::TemporaryFolder folder;
   const fs::path& scratch = folder.path();
   if (options.is_cold) options.cache = scratch / "cache";
   std::printf("%d x %d, %s, %d threads\n\n| what | s | s of CPU |\n|---|---|---|\n",

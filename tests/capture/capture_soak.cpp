@@ -18,6 +18,7 @@
 #include "tests/capture/ledger_rig.h"
 #include "tests/capture/random_faults.h"
 #include "tests/process_health.h"
+#include "tests/temporary_folder.h"
 
 namespace {
 
@@ -134,9 +135,7 @@ int soak(int capture_count, std::uint64_t seed, const fs::path& folder) {
 int main(int argc, char** argv) {
   const int capture_count = argc > 1 ? std::atoi(argv[1]) : 1000;
   const std::uint64_t seed = argc > 2 ? std::strtoull(argv[2], nullptr, 10) : 1;
-  std::string name = (fs::temp_directory_path() / "ssrig-soak.XXXXXX").string();
-  if (mkdtemp(name.data()) == nullptr) return 1;
-  const int exit_code = soak(capture_count, seed, name);
-  fs::remove_all(name);
-  return exit_code;
+  const test_support::TemporaryFolder folder;
+  if (folder.path().empty()) return 1;
+  return soak(capture_count, seed, folder.path());
 }

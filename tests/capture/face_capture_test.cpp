@@ -10,6 +10,7 @@
 #include "hw_sim/world/judge.h"
 #include "tests/capture/face_rig.h"
 #include "tests/capture/folder_files.h"
+#include "tests/temporary_folder.h"
 
 namespace capture {
 namespace {
@@ -34,13 +35,6 @@ std::unique_ptr<hw_sim::HeadWorld> face_with(const rig::RigFile& rig_file, bool 
 }
 
 class FaceCapture : public testing::TestWithParam<bool> {
- public:
-  FaceCapture() {
-    std::string name = (fs::temp_directory_path() / "ssrig-face.XXXXXX").string();
-    folder_ = mkdtemp(name.data());
-  }
-  ~FaceCapture() override { fs::remove_all(folder_); }
-
  protected:
   CaptureResult capture(const hw_sim::World& world, const std::string& name) const {
     CaptureOptions options;
@@ -49,7 +43,8 @@ class FaceCapture : public testing::TestWithParam<bool> {
     return capture_once(rig_file_, world, options);
   }
 
-  fs::path folder_;
+  const test_support::TemporaryFolder temporary_;
+  const fs::path folder_ = temporary_.path();
   rig::RigFile rig_file_ = clipping_rig();
 };
 

@@ -9,6 +9,7 @@
 
 #include "estimation/calibration/calibration_file.h"
 #include "tests/capture/calibrate/rendered_session.h"
+#include "tests/temporary_folder.h"
 
 namespace capture {
 namespace {
@@ -42,7 +43,7 @@ class CalibrateCommand : public ::testing::Test {
   std::string rig() const { return "--rig " + (folder_ / "rig.toml").string() + " "; }
   fs::path calibration() const { return folder_ / "small_calibration.json"; }
 
-  const testing::ScratchFolder scratch_;
+  const test_support::TemporaryFolder scratch_;
   const fs::path& folder_ = scratch_.path();
 };
 

@@ -9,6 +9,7 @@
 
 #include "estimation/calibration/calibration_file.h"
 #include "tests/capture/calibrate/rendered_session.h"
+#include "tests/temporary_folder.h"
 
 namespace capture {
 namespace {
@@ -46,7 +47,7 @@ std::string contents(const fs::path& path) {
 
 TEST(GeometryJob, TwelveSessionsBecomeACalibrationFileThatSessionsCarry) {
   const synthetic::SyntheticRig rig = small_rig();
-  const testing::ScratchFolder scratch;
+  const test_support::TemporaryFolder scratch;
   const fs::path& root = scratch.path();
   GeometryJob job(kBoard);
   std::vector<synthetic::BoardPlace> places = synthetic::fifteen_places();
@@ -81,7 +82,7 @@ TEST(GeometryJob, TwelveSessionsBecomeACalibrationFileThatSessionsCarry) {
 
 TEST(GeometryJob, ASessionWithoutTheBoardLeavesTheOthersAsTheyWere) {
   const synthetic::SyntheticRig rig = small_rig();
-  const testing::ScratchFolder scratch;
+  const test_support::TemporaryFolder scratch;
   const fs::path& root = scratch.path();
   write_pose(root / "good", rig, {{0, 0, 1000}, 0, 0, 0}, 1);
   testing::write_session(root / "blank", rig,

@@ -12,6 +12,8 @@
 #include <regex>
 #include <string>
 
+#include "tests/temporary_folder.h"
+
 namespace {
 
 using ::testing::HasSubstr;
@@ -25,8 +27,6 @@ std::string text_of(const fs::path& path) {
 class CalibrateLive : public ::testing::Test {
  protected:
   CalibrateLive() {
-    std::string name = (fs::temp_directory_path() / "calibrate-live.XXXXXX").string();
-    folder_ = ::mkdtemp(name.data());
     // The virtual rig at an address of this program's own, with one short exposure; ssrig has not
     // been told its calibration.
     std::string toml = text_of(fs::path(CONFIG) / "simulated.toml");
@@ -46,7 +46,6 @@ class CalibrateLive : public ::testing::Test {
     std::ofstream(folder_ / "sim.toml") << toml;
     std::ofstream(folder_ / "effects.toml") << "[projector]\nblur_px = 0.8\n";
   }
-  ~CalibrateLive() override { fs::remove_all(folder_); }
 
   // What the operator types, and to which command; both streams come back.
   std::string run(const std::string& typed, const std::string& command, int& exit_code) {
@@ -63,7 +62,8 @@ class CalibrateLive : public ::testing::Test {
     return text;
   }
 
-  fs::path folder_;
+  const test_support::TemporaryFolder temporary_;
+  const fs::path folder_ = temporary_.path();
 };
 
 TEST_F(CalibrateLive, ThreePosesOfABoardAreCapturedFittedAndFoundTooFew) {

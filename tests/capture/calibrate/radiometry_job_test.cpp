@@ -11,6 +11,7 @@
 #include "estimation/calibration/calibration_file.h"
 #include "estimation/session/maps.h"
 #include "tests/capture/calibrate/rendered_session.h"
+#include "tests/temporary_folder.h"
 
 namespace capture {
 namespace {
@@ -95,7 +96,7 @@ void write_target(const fs::path& folder, const synthetic::SyntheticRig& rig, do
 
 TEST(RadiometryJob, SensorFromASeriesToHalfAPercent) {
   const synthetic::SyntheticRig rig = small_rig();
-  const testing::ScratchFolder scratch;
+  const test_support::TemporaryFolder scratch;
   const fs::path& root = scratch.path();
   write_series(root / "series", rig, 0);
   write_geometry(root / "calibration.json", rig);
@@ -113,7 +114,7 @@ TEST(RadiometryJob, SensorFromASeriesToHalfAPercent) {
 
 TEST(RadiometryJob, ADitheringProjectorIsTold) {
   const synthetic::SyntheticRig rig = small_rig();
-  const testing::ScratchFolder scratch;
+  const test_support::TemporaryFolder scratch;
   const fs::path& root = scratch.path();
   write_series(root / "series", rig, 0.05);
   RadiometryInputs inputs;
@@ -125,7 +126,7 @@ TEST(RadiometryJob, ADitheringProjectorIsTold) {
 
 TEST(RadiometryJob, StandardAndOpticsFromThePlansOwnPatterns) {
   const synthetic::SyntheticRig rig = small_rig();
-  const testing::ScratchFolder scratch;
+  const test_support::TemporaryFolder scratch;
   const fs::path& root = scratch.path();
   write_target(root / "near", rig, 960, 0.6, paper_with_white_and_black());
   write_target(root / "far", rig, 1060, 1.2, synthetic::paper_kinds());
@@ -168,7 +169,7 @@ TEST(RadiometryJob, StandardAndOpticsFromThePlansOwnPatterns) {
 }
 
 TEST(RadiometryJob, SingleColoursGiveTheMatrix) {
-  const testing::ScratchFolder scratch;
+  const test_support::TemporaryFolder scratch;
   const fs::path& root = scratch.path();
   std::ofstream(root / "primaries.json")
       << R"({"primaries": [[0.9, 0.1, 0.0], [0.1, 0.8, 0.2], [0.0, 0.1, 0.8]]})";
@@ -186,7 +187,7 @@ TEST(RadiometryJob, SingleColoursGiveTheMatrix) {
 }
 
 TEST(RadiometryJob, AChartThatIsNoneIsRefused) {
-  const testing::ScratchFolder scratch;
+  const test_support::TemporaryFolder scratch;
   const fs::path& root = scratch.path();
   std::ofstream(root / "chart.json") << R"([{"camera": [1, 2]}])";
   RadiometryInputs inputs;

@@ -17,6 +17,7 @@
 #include "hw_sim/devices/in_process_rig.h"
 #include "hw_sim/world/board_world.h"
 #include "tests/capture/calibrate/rendered_session.h"
+#include "tests/temporary_folder.h"
 
 namespace capture {
 namespace {
@@ -122,7 +123,7 @@ class CalibratedVirtualRig : public ::testing::Test {
 
   Size size_ = kSmall;
   std::size_t captures_begun_ = 0;
-  const testing::ScratchFolder scratch_;
+  const test_support::TemporaryFolder scratch_;
   const fs::path& folder_ = scratch_.path();
 };
 

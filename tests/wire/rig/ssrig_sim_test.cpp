@@ -10,20 +10,16 @@
 #include <vector>
 
 #include "hw_sim/display/child_process.h"
+#include "tests/temporary_folder.h"
 
 namespace {
 
 constexpr auto kPatience = std::chrono::seconds(150);
 
-// A folder for TMPDIR, so that what is left behind is seen; its path stays short for sockets.
+// A folder for TMPDIR, so that what is left behind is seen.
 class SsrigSim : public testing::Test {
  public:
-  SsrigSim() {
-    std::string name = "/tmp/sim.XXXXXX";
-    folder_ = mkdtemp(name.data());
-    std::filesystem::create_directory(folder_ / "tmp");
-  }
-  ~SsrigSim() override { std::filesystem::remove_all(folder_); }
+  SsrigSim() { std::filesystem::create_directory(folder_ / "tmp"); }
 
  protected:
   // Exit code of `ssrig-sim run --rig small.toml ... -- command`.
@@ -53,7 +49,8 @@ class SsrigSim : public testing::Test {
   const std::filesystem::path& folder() const { return folder_; }
 
  private:
-  std::filesystem::path folder_;
+  const test_support::TemporaryFolder temporary_;
+  const std::filesystem::path folder_ = temporary_.path();
 };
 
 TEST_F(SsrigSim, ProductionDriversSeeEveryPictureOverAllThreeWires) {

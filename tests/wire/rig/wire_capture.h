@@ -10,6 +10,7 @@
 #include "hw_sim/display/child_process.h"
 #include "hw_sim/faults/fault_plan.h"
 #include "rig/fault.h"
+#include "tests/temporary_folder.h"
 #include "tests/wire/rig/ledger_session.h"
 
 // A sync mode and a pace, by their names in a rig file, and with "without-line-status" a camera
@@ -31,9 +32,6 @@ class WireCapture {
   static constexpr int kHangs = -1;  // instead of an exit code
 
   WireCapture();
-  ~WireCapture();
-  WireCapture(const WireCapture&) = delete;
-  WireCapture& operator=(const WireCapture&) = delete;
 
   // Into the rig file's [sequence], before run().
   void set_reopen_deadline(std::chrono::milliseconds time) const;
@@ -51,6 +49,7 @@ class WireCapture {
 
  private:
   std::filesystem::path rig_file() const { return folder_ / "rig.toml"; }
-  std::filesystem::path folder_;
+  const test_support::TemporaryFolder temporary_;
+  const std::filesystem::path folder_ = temporary_.path();
   bool has_line_status_ = true;
 };
