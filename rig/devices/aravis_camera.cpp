@@ -143,9 +143,9 @@ Result<void> AravisCamera::Impl::arm(const std::vector<std::chrono::microseconds
     return failure(Fault::kOutOfRange, "arming needs at least one exposure and one frame");
   teardown_ = {};  // of a camera that lives: no more than its stream is under way
   const bool has_exposure_chunk = !setup_.chunks.exposure.empty();
-  return noting_theft(
-      in_order([&] { return set_exposures(features_, settings_, has_exposure_chunk, exposures); },
-               [&] { return start_acquisition(frame_count); }));
+  return noting_theft(in_order(
+      [&] { return set_exposures(features_, settings_, has_exposure_chunk, exposures); },
+      [&] { return features_.answered(); }, [&] { return start_acquisition(frame_count); }));
 }
 
 Result<std::shared_ptr<FrameMemory>> AravisCamera::Impl::take_memory(int frame_count,

@@ -64,9 +64,17 @@ bool AravisFeatures::has(const std::string& name) const {
   if (arv_device_get_feature(device, name.c_str()) == nullptr) return false;
   GError* error = nullptr;
   const bool is_available = arv_device_is_feature_available(device, name.c_str(), &error) != 0;
-  g_clear_error(&error);
+  take_silence(&error, name);
   return is_available;
 }
+
+// Any other error is a feature that cannot be had now.
+void AravisFeatures::take_silence(GError** error, const std::string& name) const {
+  const Result<void> asked = take_error(error, "asking for " + name);
+  if (!asked && asked.error().fault == Fault::kDeviceLost && answered_) answered_ = asked;
+}
+
+Result<void> AravisFeatures::answered() const { return answered_; }
 
 std::vector<std::string> AravisFeatures::entries(const std::string& name) const {
   if (!has(name)) return {};
@@ -74,7 +82,7 @@ std::vector<std::string> AravisFeatures::entries(const std::string& name) const 
   guint count = 0;
   const char** texts =
       arv_camera_dup_available_enumerations_as_strings(camera_, name.c_str(), &count, &error);
-  g_clear_error(&error);
+  take_silence(&error, name);
   if (texts == nullptr) return {};
   std::vector<std::string> entries(texts, texts + count);
   g_free(texts);

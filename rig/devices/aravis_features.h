@@ -24,10 +24,14 @@ class AravisFeatures {
  public:
   explicit AravisFeatures(_ArvCamera* camera) : camera_(camera) {}
 
+  // False also where the camera did not answer, which answered() then tells.
   bool has(const std::string& name) const;
   // What an enumeration can be set to now; empty where there is none.
   std::vector<std::string> entries(const std::string& name) const;
   bool has_entry(const std::string& name, const std::string& entry) const;
+  // Of has(), entries() and has_entry(), so far: whoever left out what is not there asks in the
+  // end. Errors: kDeviceLost.
+  Result<void> answered() const;
 
   Result<std::string> text(const std::string& name) const;
   Result<std::int64_t> integer(const std::string& name) const;
@@ -55,7 +59,9 @@ class AravisFeatures {
 
  private:
   Result<void> require(const std::string& name) const;
+  void take_silence(_GError** error, const std::string& name) const;
   _ArvCamera* camera_;
+  mutable Result<void> answered_;  // the first that was not
 };
 
 // What to do about an error, unless the device is gone: that says so itself.

@@ -60,13 +60,14 @@ class Setting {
       : camera_(camera), features_(camera), settings_(settings), past_(past) {}
 
   Result<AravisSetup> run() && {
-    const Result<void> done = in_order(
-        [&] { return check_controller(); }, [&] { return read_identity(); },
-        [&] { return stop_whatever_runs(); },
-        [&] { return past_ ? restore_look(features_, past_->look) : Result<void>{}; },
-        [&] { return set_pixel_format(); }, [&] { return set_region(); },
-        [&] { return set_packet_size(); }, [&] { return set_chunks(); },
-        [&] { return set_trigger(features_, settings_, setup_); }, [&] { return take_look(); });
+    const Result<void> done =
+        in_order([&] { return check_controller(); }, [&] { return read_identity(); },
+                 [&] { return stop_whatever_runs(); },
+                 [&] { return past_ ? restore_look(features_, past_->look) : Result<void>{}; },
+                 [&] { return set_pixel_format(); }, [&] { return set_region(); },
+                 [&] { return set_packet_size(); }, [&] { return set_chunks(); },
+                 [&] { return set_trigger(features_, settings_, setup_); },
+                 [&] { return take_look(); }, [&] { return features_.answered(); });
     if (!done) return tl::unexpected(done.error());
     return std::move(setup_);
   }
