@@ -21,6 +21,7 @@
 #include <vector>
 
 #include "hw_sim/display/child_process.h"
+#include "tests/temporary_folder.h"
 
 namespace {
 
@@ -63,13 +64,10 @@ int process_count_of(const std::string& word) {
 class Failures : public testing::Test {
  public:
   Failures() {
-    std::string name = "/tmp/fail.XXXXXX";
-    folder_ = mkdtemp(name.data());
     fs::create_directory(folder_ / "tmp");
     std::ofstream(folder_ / "sim.toml") << small_rig();
     std::ofstream(folder_ / "rig.toml") << small_rig();
   }
-  ~Failures() override { fs::remove_all(folder_); }
 
  protected:
   // What ssrig's rig file says instead of what the virtual rig's says: {pattern, replacement}.
@@ -177,7 +175,8 @@ class Failures : public testing::Test {
   void expect_nothing_made() const { EXPECT_TRUE(sessions().empty()) << output(); }
 
  private:
-  fs::path folder_;
+  const test_support::TemporaryFolder temporary_;
+  const fs::path folder_ = temporary_.path();
 };
 
 // ---- What goes right ----
@@ -228,14 +227,17 @@ TEST_F(Failures, WrongRigFileIsNamedWithItsLine) {
   EXPECT_THAT(output(), HasSubstr(":9: camera.height_px: expected a whole number"));
   EXPECT_EQ(run({SSRIG, "capture", "--rig", folder()}), kUsage);
   EXPECT_THAT(output(),
-              HasSubstr(folder().string() + ": cannot be read; name an existing rig file"));
+              HasSubstr(folder().string() +
+                        ": cannot be read, for it is no regular file; name an existing rig file"));
   expect_nothing_made();
 }
 
 TEST_F(Failures, WrongCalibrationIsNamed) {
   change_rig({{"file = \".*\"", "file = \"calibration.json\""}});
   EXPECT_EQ(run(capture()), kUsage);
-  EXPECT_THAT(output(), HasSubstr("calibration.json: the calibration cannot be read; correct"));
+  EXPECT_THAT(output(),
+              AllOf(HasSubstr("calibration.json: the calibration cannot be read"),
+                    HasSubstr("No such file"), HasSubstr("; correct [calibration] file")));
   std::ofstream(folder() / "calibration.json") << "{ \"camera\": ";
   EXPECT_EQ(run(capture()), kUsage);
   EXPECT_THAT(output(), HasSubstr("calibration.json: line 1, column 1"));
