@@ -6,7 +6,7 @@ usage: tests/bench/calibration_live.py BUILD_FOLDER [--poses 15] [--scene face_f
 Runs `ssrig calibrate geometry`, `ssrig calibrate radiometry` and `ssrig capture` against one virtual rig (config/simulated.toml
 with blur, defocus, projector black and a lit room), each answered by its Enter keys; then estimates the same face's frames
 once more with the true calibration. Prints the calibration's errors and the maps' errors with either, as tables. About ten
-minutes; exits 1 where a figure misses what issue 4 asks of it.
+minutes; exits 1 where a figure misses its target.
 """
 import argparse
 import json

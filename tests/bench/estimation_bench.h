@@ -1,4 +1,4 @@
-// `ssrig-bench estimation`: what issue 3 asks to be shown, section by section.
+// `ssrig-bench estimation`: what the estimator achieves, section by section.
 #pragma once
 
 #include <functional>

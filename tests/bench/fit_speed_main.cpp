@@ -1,4 +1,4 @@
-// fit-speed: issue 3's figure for build item 7, with what each thing left out saves.
+// fit-speed: what merging and fitting a full-size sweep costs, with what each thing left out saves.
 #include <oneapi/tbb/global_control.h>
 
 #include <CLI/CLI.hpp>

@@ -1,4 +1,5 @@
-// `ssrig-bench geometry`: what issue 4 asks to be shown, on sessions whose truth is known.
+// `ssrig-bench geometry`: what correspondence and geometry achieve, on sessions whose truth is
+// known.
 #pragma once
 
 #include <filesystem>

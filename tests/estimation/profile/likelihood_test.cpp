@@ -275,7 +275,8 @@ TEST(LikelihoodPixel, ReachesTheCramerRaoBoundWithoutBias) {
   EXPECT_GE(judged, 20);
 }
 
-// Where the bound is 6 to 10% and curvature used to leave a bias of 0.15 standard deviations.
+// Where the bound is 6 to 10%: curvature, not allowed for, leaves a bias of 0.15 standard
+// deviations.
 TEST(LikelihoodPixel, CurvatureLeavesNoBias) {
   constexpr int kPixels = 30000;
   struct Worst {
