@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 
 #include "capture/take.h"
 #include "estimation/session/manifest.h"
@@ -132,6 +133,33 @@ TEST_F(WatchedCapture, WithoutRepeatsNothingIsSaid) {
   const CaptureResult result = capture([](double s) { return Pose{.stripes_px = s}; });
   EXPECT_EQ(result.motion, "");
   EXPECT_FALSE(fs::exists(result.session / "report/motion.json"));
+}
+
+TEST_F(WatchedCapture, PlansOfAnyKindAreJudged) {
+  const auto paper = make_plan("paper", rig_file_.projector, rig_file_.sequence);
+  ASSERT_TRUE(paper);
+  const auto part = [&paper](std::size_t begin, std::size_t count) {
+    Plan plan{"part", {}, {}, paper->exposures};
+    for (std::size_t i = 0; i < count; ++i) {
+      plan.patterns.push_back({static_cast<int>(i), paper->patterns[begin + i].kind});
+      plan.order.push_back(static_cast<int>(i));
+    }
+    return plan;
+  };
+  struct Case {
+    std::size_t begin, count, bracket_count;
+    int repeat_every;
+  };
+  for (const Case& each : {Case{0, 40, 1, 22}, Case{40, 40, 2, 22}, Case{50, 2, 1, 1},
+                           Case{7, 1, 2, 22}, Case{7, 1, 1, 1}}) {
+    SCOPED_TRACE(each.begin);
+    rig_file_.sequence.repeat_every = each.repeat_every;
+    rig_file_.sequence.exposures = paper->exposures;
+    rig_file_.sequence.exposures.resize(each.bracket_count);
+    own_plan_ = part(each.begin, each.count);
+    own_plan_->exposures = rig_file_.sequence.exposures;
+    EXPECT_THAT(capture([](double) { return Pose{}; }).motion, StartsWith("good: "));
+  }
 }
 
 TEST(Take, RepeatsComeAtOnceNowAndThenAndLast) {

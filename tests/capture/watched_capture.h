@@ -8,6 +8,8 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <stop_token>
 #include <string>
 
 #include "capture/capture_job.h"
@@ -30,6 +32,7 @@ class WatchedCapture : public testing::Test {
     options.estimator.thread_count = 2;
     options.estimator.is_geometry_only = true;  // the maps are not what is looked at
     options.resume = resume_;
+    options.own_plan = own_plan_;
     const auto job = CaptureJob::prepare(rig_file_, options);
     if (!job) return job.error();
     const StripedWorld world(pose_at, subject_);
@@ -74,6 +77,7 @@ class WatchedCapture : public testing::Test {
   hw_sim::FaultPlan faults_;
   int abort_after_ = kToTheEnd;  // slots filled
   std::filesystem::path resume_;
+  std::optional<Plan> own_plan_;
   std::string told_before_the_maps_, state_when_told_;
   int last_total_ = 0;
 };
