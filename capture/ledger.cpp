@@ -164,6 +164,11 @@ bool Ledger::is_filled(int pattern) const {
   });
 }
 
+bool Ledger::is_filled(SlotId id) const {
+  return std::any_of(slots_.begin(), slots_.end(),
+                     [id](const Slot& slot) { return slot.id == id && slot.evidence.has_value(); });
+}
+
 void Ledger::empty(SlotId id) {
   Slot& emptied = slot(id);
   if (emptied.evidence) --filled_count_;

@@ -47,8 +47,8 @@ struct LedgerRules {
   std::chrono::microseconds debounce{2000};          // edges so soon after another are bounces
   std::chrono::nanoseconds refresh_interval{16'666'667};
   std::chrono::milliseconds frame_deadline{1000};  // from hearing of a pulse's end to its frame
-  // From asking for a picture to its edge, and from that, beyond their lengths, to its pulses'
-  // ends.
+  // From asking for a picture to its edge, and from hearing of that, beyond their lengths, to its
+  // pulses' ends.
   std::chrono::milliseconds edge_deadline{500};
   // Each bracket is a showing of its own, whose frame alone tells of its edge and pulse.
   bool has_edge_per_bracket = false;
@@ -144,7 +144,7 @@ class Ledger {
   void open_showing(const Flip& flip);
 
   [[nodiscard]] Findings picture_shown(const rig::PictureShown& shown);
-  [[nodiscard]] Findings edge_seen(const rig::EdgeSeen& edge);
+  [[nodiscard]] Findings edge_seen(const rig::EdgeSeen& edge, rig::HostTime now);
   [[nodiscard]] Findings edge_ignored(const rig::EdgeIgnored& edge);
   [[nodiscard]] Findings pulse_ended(const rig::PulseEnded& pulse, rig::HostTime now);
   [[nodiscard]] Findings frame_damaged(const rig::FrameDamaged& damaged);
@@ -182,6 +182,7 @@ class Ledger {
   bool is_primed() const { return is_primed_; }
 
   bool is_filled(int pattern) const;
+  bool is_filled(SlotId id) const;
   int filled_count() const { return filled_count_; }
   bool is_complete() const { return filled_count_ == static_cast<int>(slots_.size()); }
   const std::vector<Slot>& slots() const { return slots_; }  // pattern by pattern

@@ -36,7 +36,7 @@ Findings Ledger::check_swap(const Showing& showing) const {
                 "the picture was swapped in " + in_us(taken) + " after it was asked for")};
 }
 
-Findings Ledger::edge_seen(const rig::EdgeSeen& edge) {
+Findings Ledger::edge_seen(const rig::EdgeSeen& edge, rig::HostTime now) {
   Showing* const showing = without_edge();
   if (showing == nullptr)
     return {about_last_showing(Incident::kEdgeOutOfOrder,
@@ -51,7 +51,9 @@ Findings Ledger::edge_seen(const rig::EdgeSeen& edge) {
                   std::string("the photodiode turned ") + (edge.is_light ? "light" : "dark") +
                       " under a " + (showing->flip.is_light ? "light" : "dark") + " square")};
   showing->edge = edge;
-  showing->due = edge.time + train_length(*showing) + rules_.edge_deadline;
+  // From hearing of it: a device's clock may say anything, and neither puts off a deadline nor
+  // brings it on.
+  showing->due = now + train_length(*showing) + rules_.edge_deadline;
   return check_flip(*showing);
 }
 
@@ -95,6 +97,11 @@ Findings Ledger::check_latency(const Showing& showing) const {
 Findings Ledger::edge_ignored(const rig::EdgeIgnored& edge) {
   Showing* const showing = under_exposure();
   if (showing == nullptr) return {};
+  // Late flips can come all at once; then the count of edges is no longer that of flips.
+  if (without_edge() != nullptr)
+    return {about(*showing, Incident::kEdgeOutOfOrder,
+                  "the light changed " + in_us(edge.time - showing->edge->time) +
+                      " after the edge, and another flip was on its way")};
   if (edge.time - showing->edge->time <= rules_.debounce) {
     showing->is_level_gone = edge.is_light != showing->edge->is_light;
     return {};

@@ -70,7 +70,7 @@ void Turn::take(const rig::PictureShown& shown) {
 
 void Turn::take(const rig::EdgeSeen& edge) {
   if (!is_running(state().phase)) return;
-  react(ledger().edge_seen(edge));
+  react(ledger().edge_seen(edge, now_));
   confirm_by_edge();
 }
 

@@ -31,6 +31,7 @@ void Turn::proceed() {
   } else if (std::holds_alternative<Collecting>(state().phase)) {
     show_next();
   } else if (std::holds_alternative<Confirming>(state().phase)) {
+    confirm_anew();  // what was awaited may just have been given up
     if (state().unconfirmed.empty()) end(Outcome::kComplete);
   }
 }

@@ -124,9 +124,10 @@ Finding Turn::charged(Finding finding) {
   return finding;
 }
 
-// The table, but for three things: a showing that is to be retaken anyhow is not retaken twice; a
-// priming that fails twice in a run means that camera and box do not count alike; and where times
-// are all that tells flips from each other, one without a time leaves those after it untold.
+// The table, but for four things: what nobody needs is not retaken; a showing that is to be retaken
+// anyhow is not retaken twice; a priming that fails twice in a run means that camera and box do not
+// count alike; and where times are all that tells flips from each other, one without a time leaves
+// those after it untold.
 Reaction Turn::reaction_here(const Finding& finding) {
   const Reaction reaction = reaction_to(finding.incident, rules_.bracketing);
   if (reaction != Reaction::kRetake) return reaction;
@@ -136,6 +137,7 @@ Reaction Turn::reaction_here(const Finding& finding) {
     if (ledger().is_primed()) return Reaction::kRestart;  // it was to confirm the last pattern
     return state().is_priming_retaken ? Reaction::kRestart : Reaction::kRetake;
   }
+  if (ledger().is_filled(SlotId{finding.pattern, finding.bracket})) return Reaction::kIgnore;
   const bool is_retaken =
       is_queued(finding.pattern) || ledger().is_shown_again(finding.pattern, finding.show_id);
   return is_retaken ? Reaction::kIgnore : Reaction::kRetake;

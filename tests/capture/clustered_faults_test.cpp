@@ -84,6 +84,26 @@ TEST(StrayExposure, OfAMillisecondIsNoBracketOfACameraWithoutChunks) {
   expect_promise(try_cluster(cluster));
 }
 
+// Flips that are late come all at once, and the box answers one of them: from there on each edge
+// would be taken for that of a flip before.
+TEST(PacedFlips, ThatComeAllAtOnceAreNotOne) {
+  for (const auto bracketing : {rig::Bracketing::kSequencer, rig::Bracketing::kTriggerWidth})
+    for (int lag = 0; lag <= 3; ++lag)
+      for (int late_ms = 40; late_ms <= 240; late_ms += 4) {
+        SCOPED_TRACE(testing::Message() << "bracketing " << static_cast<int>(bracketing) << ", lag "
+                                        << lag << ", late by " << late_ms << " ms");
+        Cluster cluster = cluster_on(rig::SyncMode::kTriggerBox, 5, 8);
+        cluster.rig_file.camera.bracketing = bracketing;
+        cluster.rig_file.sequence.pace = rig::Pace::kPaced;
+        cluster.rig_file.trigger.gap = microseconds(2200);
+        cluster.display.input_lag_refreshes = lag;
+        // Both flips that teach the lag, and one more.
+        cluster.faults.faults.push_back(fault_at(kFlipLate, 0, 0, 3));
+        cluster.faults.faults.back().duration = milliseconds(late_ms);
+        expect_promise(try_cluster(cluster));
+      }
+}
+
 // Two flips unseen, and a clock that steps back by as long as they took.
 TEST(NoLevel, FlipsThatDoNotWaitForEachOtherAreNotToldApartByTimeAlone) {
   for (int step_ms = 90; step_ms <= 190; step_ms += 10) {

@@ -37,7 +37,7 @@ class LedgerTest : public testing::Test {
     ledger_.open_showing({pattern, 0, ++show_id_, is_light_, now_});
     EXPECT_TRUE(ledger_.picture_shown({show_id_, now_ + milliseconds(10)}).empty());
     now_ += milliseconds(30);
-    EXPECT_TRUE(ledger_.edge_seen({++edge_number_, is_light_, now_}).empty());
+    EXPECT_TRUE(ledger_.edge_seen({++edge_number_, is_light_, now_}, now_).empty());
     for (int bracket = 0; bracket < 2; ++bracket) {
       const rig::HostTime start = now_;
       now_ += bracket == 0 ? milliseconds(10) : milliseconds(40);
@@ -205,24 +205,24 @@ TEST_F(LedgerTest, FrameWaitsForTheNewsOfItsPulseButNotForEver) {
 
 TEST_F(LedgerTest, EdgeToTheOtherLevelIsWrong) {
   ledger_.open_showing({1, 0, ++show_id_, !is_light_, now_});
-  const Findings findings = ledger_.edge_seen({edge_number_ + 1, is_light_, now_});
+  const Findings findings = ledger_.edge_seen({edge_number_ + 1, is_light_, now_}, now_);
   ASSERT_EQ(findings.size(), 1U);
   EXPECT_EQ(findings[0].incident, Incident::kEdgeWrongLevel);
 }
 
 TEST_F(LedgerTest, EdgeLongBeforeTheSwapIsNotOurs) {
   ledger_.open_showing({1, 0, ++show_id_, !is_light_, now_});
-  EXPECT_TRUE(ledger_.edge_seen({edge_number_ + 1, !is_light_, now_}).empty());
+  EXPECT_TRUE(ledger_.edge_seen({edge_number_ + 1, !is_light_, now_}, now_).empty());
   const Findings findings = ledger_.picture_shown({show_id_, now_ + milliseconds(17)});
   ASSERT_EQ(findings.size(), 1U);
   EXPECT_EQ(findings[0].incident, Incident::kEdgeBeforeFlip);
 }
 
 TEST_F(LedgerTest, SkippedAndSurplusEdgesAreOutOfOrder) {
-  EXPECT_EQ(ledger_.edge_seen({edge_number_ + 1, is_light_, now_}).at(0).incident,
+  EXPECT_EQ(ledger_.edge_seen({edge_number_ + 1, is_light_, now_}, now_).at(0).incident,
             Incident::kEdgeOutOfOrder);
   ledger_.open_showing({1, 0, ++show_id_, !is_light_, now_});
-  EXPECT_EQ(ledger_.edge_seen({edge_number_ + 2, !is_light_, now_}).at(0).incident,
+  EXPECT_EQ(ledger_.edge_seen({edge_number_ + 2, !is_light_, now_}, now_).at(0).incident,
             Incident::kEdgeOutOfOrder);
 }
 
@@ -231,7 +231,7 @@ TEST_F(LedgerTest, SurplusSkippedAndForeignPulsesAreOutOfOrder) {
       ledger_.pulse_ended({edge_number_, 2, pulse_number_ + 1, now_, now_}, now_).at(0).incident,
       Incident::kPulseOutOfOrder);
   ledger_.open_showing({1, 0, ++show_id_, !is_light_, now_});
-  ASSERT_TRUE(ledger_.edge_seen({++edge_number_, !is_light_, now_}).empty());
+  ASSERT_TRUE(ledger_.edge_seen({++edge_number_, !is_light_, now_}, now_).empty());
   for (const rig::PulseEnded& wrong :
        {rig::PulseEnded{edge_number_, 0, pulse_number_ + 2, now_, now_},
         rig::PulseEnded{edge_number_, 1, pulse_number_ + 1, now_, now_},
@@ -257,7 +257,7 @@ TEST_F(LedgerTest, ABounceThatDoesNotComeBackIsNoBounce) {
     is_light_ = !is_light_;
     ledger_.open_showing({1, 0, ++show_id_, is_light_, now_});
     EXPECT_TRUE(ledger_.picture_shown({show_id_, now_}).empty());
-    EXPECT_TRUE(ledger_.edge_seen({++edge_number_, is_light_, now_}).empty());
+    EXPECT_TRUE(ledger_.edge_seen({++edge_number_, is_light_, now_}, now_).empty());
     EXPECT_TRUE(ledger_.edge_ignored({edge_number_, !is_light_, now_ + microseconds(5)}).empty());
     if (is_back) {
       EXPECT_TRUE(ledger_.edge_ignored({edge_number_, is_light_, now_ + microseconds(9)}).empty());

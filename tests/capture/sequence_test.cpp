@@ -197,6 +197,43 @@ TEST_F(SequenceTest, EveryWaitingStateHasADeadline) {
   EXPECT_TRUE(Sequence::deadline(state_)) << phase();
 }
 
+TEST_F(SequenceTest, AnEdgeOfTheFarFutureHasItsPulsesDeadlineNow) {
+  for (const auto off : {std::chrono::hours(1000), std::chrono::hours(-1)}) {
+    state_ = sequence_.initial();
+    arm();
+    swap();
+    tell(rig::EdgeSeen{++edge_number_, shown_.is_square_light, now_ + off});
+    if (phase() == "darkening") continue;  // it cannot be
+    EXPECT_EQ(phase(), "exposing");
+    ASSERT_TRUE(Sequence::deadline(state_));
+    EXPECT_GT(*Sequence::deadline(state_), now_);
+    EXPECT_LE(*Sequence::deadline(state_), now_ + std::chrono::seconds(1));
+  }
+}
+
+// In Confirming frames of the last showing may still be out; that they are given up is the end.
+TEST_F(SequenceTest, AFrameThatNobodyNeedsAnyMoreDoesNotHoldUpTheEnd) {
+  arm();
+  prime();
+  expose();
+  tell(FrameSeen{facts(pulse_number_ - 1, starts_[starts_.size() - 2], 0)});
+  tell(rig::FrameDamaged{pulse_number_, {rig::Fault::kFrameIncomplete, "packets are missing"}});
+  expose();  // pattern 1
+  frames();
+  expose();  // pattern 0 again, for its second bracket
+  tell(FrameSeen{facts(pulse_number_, starts_.back(), 1)});
+  EXPECT_EQ(phase(), "confirming");
+  swap();
+  for (int step = 0; step < 3 && phase() == "confirming"; ++step) {
+    ASSERT_TRUE(Sequence::deadline(state_));
+    ASSERT_LT(*Sequence::deadline(state_), now_ + std::chrono::seconds(2));
+    time_out();
+  }
+  EXPECT_EQ(phase(), "blackening");
+  EXPECT_EQ(state_.outcome, Outcome::kComplete);
+  EXPECT_EQ(kept_.size(), 4U);
+}
+
 TEST_F(SequenceTest, BlackThatIsNeverShownIsTriedAgainAndThenFails) {
   tell(Start{});
   time_out();
