@@ -96,8 +96,9 @@ class Section {
     const toml::node* node = find(key);
     if (node == nullptr) return;
     const auto value = node->value_exact<std::string>();
-    if (!value) {
-      fault(*node, key, "expected text in quotes");
+    // A file's name would end at a zero byte.
+    if (!value || value->find('\0') != std::string::npos) {
+      fault(*node, key, "expected text in quotes, without a zero byte");
       return;
     }
     store(*value);

@@ -28,6 +28,9 @@ std::string objection_to_member(const std::string& key, const nlohmann::json& va
   const std::size_t limit = is_path ? kPathLimit : kTextLimit;
   if (!value.is_string() || value.get_ref<const std::string&>().size() > limit)
     return "\"" + key + "\" must be text of at most " + std::to_string(limit) + " bytes";
+  // The system would take a path for one that ends there.
+  if (value.get_ref<const std::string&>().find('\0') != std::string::npos)
+    return "\"" + key + "\" must not hold a zero byte";
   return {};
 }
 

@@ -80,6 +80,7 @@ class HttplibServer final : public HttpServer {
         });
     server_.set_default_headers(
         {{"Cache-Control", "no-store"}, {"X-Content-Type-Options", "nosniff"}});
+    server_.set_error_handler(explain);
     server_.Get("/", [](const httplib::Request&, httplib::Response& response) {
       response.set_content(kPage, "text/html; charset=utf-8");
     });
@@ -119,6 +120,24 @@ class HttplibServer final : public HttpServer {
                      response.set_content(to_json(board_.snapshot()), "application/json");
                    }
                  });
+  }
+
+  // What the library refuses by itself comes without a word.
+  static void explain(const httplib::Request&, httplib::Response& response) {
+    if (!response.body.empty()) return;
+    const auto text = [&response]() -> std::string {
+      switch (response.status) {
+        case 404:
+          return "nothing is served under this name";
+        case 413:
+          return "the body is longer than " + std::to_string(kBodyLimit_bytes) + " bytes";
+        case 414:
+          return "the address is too long";
+        default:
+          return "the request cannot be read";
+      }
+    };
+    reply_error(response, response.status, text());
   }
 
   // Before the body is read. True if it answered.

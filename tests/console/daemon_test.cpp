@@ -221,8 +221,13 @@ TEST(Daemon, MalformedRequestsAreAnsweredAndHarmless) {
   EXPECT_EQ(
       rig.post("/api/capture", R"({"request_id":")" + std::string(300, 'x') + R"("})")->status,
       400);
-  EXPECT_EQ(rig.post("/api/capture", std::string(100000, ' '))->status, 413);
-  EXPECT_EQ(rig.client().Get("/nothing")->status, 404);
+  for (const auto& [status, response] :
+       {std::pair(413, rig.post("/api/capture", std::string(100000, ' '))),
+        std::pair(404, rig.client().Get("/nothing"))}) {
+    ASSERT_TRUE(response);
+    EXPECT_EQ(response->status, status);
+    EXPECT_TRUE(nlohmann::json::parse(response->body).contains("error")) << response->body;
+  }
   EXPECT_EQ(rig.capture_count, 0);
 }
 

@@ -145,6 +145,12 @@ TEST(RigFile, EachRequiredKeyIsMissed) {
   }
 }
 
+TEST(RigFile, ANameThatWouldEndAtAZeroByteIsRefused) {
+  const auto rig = parse_rig_file(with("HDMI-1", "HDMI-1\\u0000 other"), "rig.toml");
+  ASSERT_FALSE(rig.has_value());
+  EXPECT_THAT(rig.error().detail, HasSubstr("rig.toml:10: projector.monitor: expected text"));
+}
+
 TEST(RigFile, ValuesOutOfRangeAreRefused) {
   const std::vector<std::pair<std::string, std::string>> changes{
       {"width_px = 64", "width_px = 0"},

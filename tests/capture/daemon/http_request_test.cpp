@@ -33,6 +33,7 @@ TEST(HttpRequest, WhatIsNoCommandIsRefusedWithItsReason) {
       {R"({"request_id": "a", "subjekt": "b"})", "unknown key \"subjekt\""},
       {R"({"request_id": "a", "subject": ")" + long_text + "\"}", "at most 200 bytes"},
       {R"({"request_id": "a", "directory": "sessions"})", "absolute"},
+      {R"({"request_id": "a", "directory": "/tmp/a\u0000b"})", "zero byte"},
       {"{\"request_id\": \"\xff\"}", "request_id"},
       {std::string(16000, '['), "request_id"}};
   for (const auto& [body, reason] : bodies) {

@@ -152,6 +152,7 @@ TEST(Verify, DamagedPixelsOfAFlatFieldAreNoted) {
   flat.at(5, 6) = -1;
   flat.at(7, 8) = std::numeric_limits<float>::quiet_NaN();
   ASSERT_TRUE(write_exr(session.path() / "flat.exr", {{"Y", flat.view()}}, {}));
+  session.save();
   const VerifyReport report = verified(session.path());
   EXPECT_THAT(texts(report), IsEmpty());
   EXPECT_THAT(report.notes, testing::Contains(HasSubstr("3 of 3072 pixels are damaged")));
