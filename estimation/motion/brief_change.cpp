@@ -36,13 +36,6 @@ constexpr std::size_t kFewestBlocks = 2;  // side by side
 using Terms = cv::Vec<double, kTerms>;
 using NormalMatrix = cv::Matx<double, kTerms, kTerms>;
 
-double median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 double light_at(const SeenFrame& frame, std::size_t block) {
   return static_cast<double>(frame.light_dn[block]);
 }
@@ -94,7 +87,7 @@ std::optional<Relatives> fit_shifts(const std::vector<Terms>& design,
       if (!std::isnan(surplus[i])) sizes.push_back(std::abs(surplus[i]));
     }
     // Tukey's biweight, from an ordinary fit on.
-    const double reach = 4.685 * 1.4826 * std::max(median(std::move(sizes)), 1e-6);
+    const double reach = 4.685 * 1.4826 * std::max(median_of(std::move(sizes)), 1e-6);
     for (std::size_t i = 0; i < count; ++i) {
       const double part = std::isnan(surplus[i]) ? 1 : std::min(1.0, std::abs(surplus[i]) / reach);
       weights[i] = std::isnan(surplus[i]) ? 0 : (1 - part * part) * (1 - part * part);
@@ -113,7 +106,7 @@ std::optional<Relatives> fit_sums(const std::vector<double>& sums_dn) {
     if (!std::isnan(sum)) valid.push_back(sum);
   if (static_cast<double>(valid.size()) < kFewestValidFrac * static_cast<double>(sums_dn.size()))
     return std::nullopt;
-  Relatives relatives{median(std::move(valid)), sums_dn};
+  Relatives relatives{median_of(std::move(valid)), sums_dn};
   for (double& surplus : relatives.surplus_dn) surplus -= relatives.level_dn;
   return relatives;
 }
@@ -194,7 +187,7 @@ void judge_series(const CameraInfo& camera, const BlockGrid& grid, const Series&
     for (const double surplus : fit.surplus_dn)
       if (!std::isnan(surplus)) sizes.push_back(std::abs(surplus));
     const double sd_dn =
-        std::max({1.4826 * median(std::move(sizes)), noise_dn(camera, grid, fit.level_dn),
+        std::max({1.4826 * median_of(std::move(sizes)), noise_dn(camera, grid, fit.level_dn),
                   kFloorFrac * fit.level_dn});
     const double limit_dn = std::max(kSure * sd_dn, kLeastFrac * fit.level_dn);
     for (std::size_t i = 0; i < fit.surplus_dn.size(); ++i)

@@ -131,4 +131,11 @@ Image<unsigned char> shrunk(const Image<unsigned char>& is_usable, int margin_ce
   return result;
 }
 
+double median_of(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 }  // namespace estimation

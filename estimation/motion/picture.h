@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 #include "estimation/base/image.h"
 #include "estimation/session/manifest.h"
@@ -39,5 +40,8 @@ CellShift coarse_shift(const Image<float>& first, const Image<float>& second);
 
 // Cells at least `margin_cells` from any that is not usable and from the border.
 Image<unsigned char> shrunk(const Image<unsigned char>& is_usable, int margin_cells);
+
+// 0 of none.
+double median_of(std::vector<double> values);
 
 }  // namespace estimation

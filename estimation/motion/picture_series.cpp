@@ -2,8 +2,6 @@
 
 #include <algorithm>
 
-#include "estimation/motion/picture.h"
-
 namespace estimation {
 LitTable make_table(const CameraInfo& camera, const BracketPictures& pictures,
                     const std::vector<std::size_t>& frames) {
@@ -47,13 +45,6 @@ std::vector<float> light_at(const CameraInfo& camera, const LitTable& table,
     light[i] =
         std::min(static_cast<float>(picture.samples_dn[table.places[i]]), limit_dn) - black_dn;
   return light;
-}
-
-double median_of(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 }  // namespace estimation

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "estimation/motion/picture.h"
 #include "estimation/motion/picture_identity.h"
 #include "estimation/session/manifest.h"
 #include "estimation/session/pattern.h"
@@ -37,8 +38,6 @@ LitTable make_table(const CameraInfo& camera, const BracketPictures& pictures,
 // [place of `table`] of any frame, DN above black; where it is clipped, the limit.
 std::vector<float> light_at(const CameraInfo& camera, const LitTable& table,
                             const SeenPicture& picture);
-
-double median_of(std::vector<double> values);
 
 // What a check of one group of frames found; positions in BracketPictures::shown.
 struct GroupFinding {

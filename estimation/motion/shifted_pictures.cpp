@@ -3,7 +3,6 @@
 // all places, tells by how much its phase and its modulation are off. What moves shifts all frames
 // in turn by little; a frame that shows another picture stands alone between its neighbours.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <complex>
 #include <limits>
@@ -12,6 +11,7 @@
 #include <opencv2/core.hpp>
 #include <utility>
 
+#include "estimation/motion/harmonic_fit.h"
 #include "estimation/motion/picture_series.h"
 
 namespace estimation {
@@ -19,7 +19,6 @@ namespace {
 
 using Complex = std::complex<double>;
 
-constexpr int kHarmonics = 3;
 constexpr double kWrongShiftFrac = 0.2;  // of another shift's light
 // Half a period of the stripes is about 0.4: then light and phase are no longer told apart.
 constexpr double kMostCoherence = 0.2;
@@ -33,140 +32,6 @@ constexpr double kSuspect = 3;
 constexpr double kForeign = 0.35;
 // Of a deviation's square: unexplained by the picture that it is put down to.
 constexpr double kMostUnexplained = 0.25;
-
-// Fits light = sum of harmonics at each place, by least squares over the frames.
-class HarmonicFit {
- public:
-  // Of all frames but `without`.
-  HarmonicFit(const std::vector<double>& phases_rad, std::optional<std::size_t> without)
-      : frame_count_(static_cast<int>(phases_rad.size())),
-        term_count_(2 * kHarmonics + 1),
-        design_(frame_count_, term_count_) {
-    for (int n = 0; n < frame_count_; ++n) {
-      design_(n, 0) = 1;
-      for (int k = 1; 2 * k < term_count_; ++k) {
-        design_(n, 2 * k - 1) = std::cos(k * phases_rad[static_cast<std::size_t>(n)]);
-        design_(n, 2 * k) = std::sin(k * phases_rad[static_cast<std::size_t>(n)]);
-      }
-    }
-    cv::Mat1d used = design_.clone();
-    if (without) used.row(static_cast<int>(*without)) = 0.0;
-    is_solved_ = cv::invert(used, inverse_, cv::DECOMP_SVD) > kLeastCondition;
-  }
-  bool is_solved() const { return is_solved_; }
-  int term_count() const { return term_count_; }
-  double term(int frame, int term) const { return design_(frame, term); }
-  // How much of a frame's own light its fit follows.
-  double leverage(int frame) const {
-    double sum = 0;
-    for (int t = 0; t < term_count_; ++t) sum += design_(frame, t) * inverse_(t, frame);
-    return sum;
-  }
-  // [term][place]
-  std::vector<std::vector<float>> coefficients(
-      const std::vector<std::vector<float>>& light_dn) const {
-    std::vector<std::vector<float>> found(static_cast<std::size_t>(term_count_),
-                                          std::vector<float>(light_dn.front().size()));
-    for (int t = 0; t < term_count_; ++t) {
-      std::vector<float>& row = found[static_cast<std::size_t>(t)];
-      for (int n = 0; n < frame_count_; ++n) {
-        const auto weight = static_cast<float>(inverse_(t, n));
-        const std::vector<float>& light = light_dn[static_cast<std::size_t>(n)];
-        for (std::size_t i = 0; i < row.size(); ++i) row[i] += weight * light[i];
-      }
-    }
-    return found;
-  }
-
- private:
-  static constexpr double kLeastCondition = 1e-3;  // of an inversion by SVD: smallest over largest
-  const int frame_count_, term_count_;
-  cv::Mat1d design_, inverse_;
-  bool is_solved_ = false;
-};
-
-// Of the first harmonic with the mean over all places: 0 for places all over the period, 1 for one.
-double coherence(const std::vector<std::vector<float>>& coefficients) {
-  Complex product = 0;
-  double harmonic_square = 0, mean_square = 0;
-  for (std::size_t i = 0; i < coefficients[0].size(); ++i) {
-    const auto mean = static_cast<double>(coefficients[0][i]);
-    const Complex harmonic(static_cast<double>(coefficients[1][i]),
-                           static_cast<double>(coefficients[2][i]));
-    product += mean * harmonic;
-    harmonic_square += std::norm(harmonic);
-    mean_square += mean * mean;
-  }
-  return std::norm(product) / (harmonic_square * mean_square);
-}
-
-// The square of the first harmonic, of what noise as large as the fit leaves would make of it.
-double signal_of(const HarmonicFit& fit, const std::vector<std::vector<float>>& coefficients,
-                 const std::vector<std::vector<float>>& light_dn) {
-  constexpr std::size_t kStride = 8;  // places enough
-  double signal = 0, left = 0;
-  for (std::size_t i = 0; i < coefficients[0].size(); i += kStride) {
-    signal += std::norm(
-        Complex(static_cast<double>(coefficients[1][i]), static_cast<double>(coefficients[2][i])));
-    for (std::size_t n = 0; n < light_dn.size(); ++n) {
-      double surplus = static_cast<double>(light_dn[n][i]);
-      for (int t = 0; t < fit.term_count(); ++t)
-        surplus -= fit.term(static_cast<int>(n), t) *
-                   static_cast<double>(coefficients[static_cast<std::size_t>(t)][i]);
-      left += surplus * surplus;
-    }
-  }
-  const auto count = static_cast<double>(light_dn.size());
-  const double variance = left / (count - fit.term_count());
-  return signal * count / (4 * std::max(variance, 1e-9));
-}
-
-// Relative to what the fit has for the frame's shift: 1 is right; the argument is the phase by
-// which it is ahead, the size its modulation.
-Complex phasor_of(const HarmonicFit& fit, const std::vector<std::vector<float>>& coefficients,
-                  const std::vector<float>& light_dn, int frame) {
-  std::array<float, 7> terms{};
-  for (int t = 0; t < fit.term_count(); ++t)
-    terms[static_cast<std::size_t>(t)] = static_cast<float>(fit.term(frame, t));
-  const float cosine = terms[1], sine = terms[2];
-  const float *mean = coefficients[0].data(), *in_cosine = coefficients[1].data(),
-              *in_sine = coefficients[2].data();
-  cv::Matx33d matrix;
-  cv::Vec3d vector;
-  constexpr std::size_t kRun = 512;  // floats add up in runs that keep their precision
-  std::array<float, kRun> surplus{};
-  for (std::size_t begin = 0; begin < light_dn.size(); begin += kRun) {
-    const std::size_t count = std::min(kRun, light_dn.size() - begin);
-    for (std::size_t i = 0; i < count; ++i) surplus[i] = light_dn[begin + i];
-    for (int t = 0; t < fit.term_count(); ++t) {
-      const float term = terms[static_cast<std::size_t>(t)];
-      const float* coefficient = coefficients[static_cast<std::size_t>(t)].data() + begin;
-      for (std::size_t i = 0; i < count; ++i) surplus[i] -= term * coefficient[i];
-    }
-    std::array<float, 9> sums{};
-    for (std::size_t i = 0; i < count; ++i) {
-      const std::size_t at = begin + i;
-      const float in_phase = cosine * in_cosine[at] + sine * in_sine[at];
-      const float ahead = cosine * in_sine[at] - sine * in_cosine[at];
-      sums[0] += in_phase * in_phase;
-      sums[1] += in_phase * ahead;
-      sums[2] += in_phase * mean[at];
-      sums[3] += ahead * ahead;
-      sums[4] += ahead * mean[at];
-      sums[5] += mean[at] * mean[at];
-      sums[6] += in_phase * surplus[i];
-      sums[7] += ahead * surplus[i];
-      sums[8] += mean[at] * surplus[i];
-    }
-    const auto sum = [&sums](std::size_t i) { return static_cast<double>(sums[i]); };
-    matrix += cv::Matx33d(sum(0), sum(1), sum(2), sum(1), sum(3), sum(4), sum(2), sum(4), sum(5));
-    vector += cv::Vec3d(sum(6), sum(7), sum(8));
-  }
-  cv::Vec3d found;
-  if (!cv::solve(matrix, vector, found, cv::DECOMP_CHOLESKY)) return {0, 0};
-  const double own = std::max(1 - fit.leverage(frame), 0.05);
-  return Complex(1, 0) + Complex(found[0], found[1]) / own;
-}
 
 // Phase and logarithm of modulation, which steady motion and a lamp's drift change steadily.
 struct Course {
@@ -290,7 +155,7 @@ class ShiftCheck {
   // Judges the frames that are furthest off, each by a fit of all others; one that is wrong leaves
   // the series. False: all are right.
   bool find_worst() {
-    constexpr std::size_t kFewest = 2 * (2 * kHarmonics), kMostSuspects = 4;
+    constexpr std::size_t kFewest = 2 * (2 * kShiftHarmonics), kMostSuspects = 4;
     const auto all = series_.frames.size() < kFewest ? std::nullopt : measure(std::nullopt);
     if (!all) {
       check_ = refuse(
