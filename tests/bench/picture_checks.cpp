@@ -6,20 +6,17 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "capture/plan.h"
 #include "estimation/motion/picture_identity.h"
 #include "estimation/motion/picture_samples.h"
 #include "estimation/session/frame_io.h"
 #include "estimation/session/manifest.h"
 #include "hw_sim/world/effects.h"
-#include "hw_sim/world/head_world.h"
-#include "hw_sim/world/simulated_rig.h"
-#include "rig/rig_file.h"
 #include "tests/bench/picture_swaps.h"
+#include "tests/bench/scene_frames.h"
 
 namespace {
 
@@ -87,134 +84,70 @@ int check_session(const std::string& session, const std::vector<double>& shares_
 }
 
 struct SimulateOptions {
-  std::string rig_file, scene = "face_female", effects_file;
+  bench::SceneFramesOptions scene;
+  std::string effects_file;
   int capture_count = 100;
-  double cycle_ms = 66.7, blink_ms = 0;
-  bool is_in_order = false;
-  std::uint64_t seed = 1;
+  double blink_ms = 0;
   std::vector<double> shares_frac;
 };
 
-// Captures' frames straight from the simulated face, without devices or files.
-class Simulation {
- public:
-  static std::unique_ptr<Simulation> open(const SimulateOptions& options) {
-    auto file = rig::read_rig_file(options.rig_file);
-    if (!file) return complain(file.error());
-    if (options.is_in_order) file->sequence.is_shuffled = false;
-    const auto rig = hw_sim::simulated_rig(*file);
-    if (!rig) return complain(rig.error());
-    auto plan = capture::make_plan("paper", file->projector, file->sequence);
-    if (!plan) return complain(plan.error());
-    hw_sim::Effects effects;
-    if (!options.effects_file.empty()) {
-      const auto read = hw_sim::read_effects(options.effects_file);
-      if (!read) return complain(read.error());
-      effects = *read;
+// nullopt: complained.
+std::optional<hw_sim::Effects> effects_of(const bench::Program& program,
+                                          const SimulateOptions& options) {
+  hw_sim::Effects effects;
+  if (!options.effects_file.empty()) {
+    const auto read = hw_sim::read_effects(options.effects_file);
+    if (!read) {
+      program.complain(read.error().detail);
+      return std::nullopt;
     }
-    if (options.blink_ms > 0) {
-      effects.blink_s = options.blink_ms / 1000;
-      effects.blink_start_s = 0.05;
-      effects.blink_period_s = 4.3;  // no part of the capture is left out
+    effects = *read;
+  }
+  if (options.blink_ms > 0) {
+    effects.blink_s = options.blink_ms / 1000;
+    effects.blink_start_s = 0.05;
+    effects.blink_period_s = 4.3;  // no part of the capture is left out
+  }
+  return effects;
+}
+
+int check_simulated(const SimulateOptions& options) {
+  const bench::Program program{"picture-checks"};
+  const auto effects = effects_of(program, options);
+  if (!effects) return 1;
+  const auto scene =
+      bench::SceneFrames::open(program, options.scene, [&](double) { return *effects; });
+  if (!scene) return 1;
+  const estimation::PictureSampler sampler(scene->camera());
+  int alarmed_count = 0;
+  std::size_t unchecked_count = 0;
+  double judging_s = 0;
+  for (int i = 0; i < options.capture_count; ++i) {
+    std::vector<estimation::SeenPicture> pictures;
+    scene->capture(i, [&](const bench::SceneFrame& frame, const auto& frame_dn) {
+      pictures.push_back(
+          {frame.pattern, frame.bracket, frame.elapsed_s, true, sampler.take(frame_dn)});
+    });
+    const auto begin = steady_clock::now();
+    const auto check = check_pictures(scene->camera(), scene->plan().patterns, pictures);
+    judging_s += seconds_since(begin);
+    unchecked_count += check.unchecked.size();
+    if (i == 0) print_check(check);
+    if (!check.wrong.empty()) {
+      ++alarmed_count;
+      std::printf("capture %d: alarm: %s\n", i, check.text().c_str());
     }
-    auto world = hw_sim::HeadWorld::create(rig->camera, rig->projector, rig->calibration,
-                                           {.name = options.scene,
-                                            .effects = effects,
-                                            .has_indirect = false,
-                                            .has_identity = false,
-                                            .seed = options.seed,
-                                            .thread_count = 2,
-                                            .cache_folder = hw_sim::default_cache_folder()});
-    if (!world) return complain(world.error());
-    return std::unique_ptr<Simulation>(
-        new Simulation(options, *file, rig->camera, std::move(*plan), std::move(*world)));
+    if (i == 0) print_swaps(scene->camera(), scene->plan().patterns, pictures, options.shares_frac);
+    std::fflush(stdout);
   }
-
-  int run() {
-    int alarmed_count = 0;
-    std::size_t unchecked_count = 0;
-    double judging_s = 0;
-    for (int i = 0; i < options_.capture_count; ++i) {
-      const auto pictures = capture(i);
-      const auto begin = steady_clock::now();
-      const auto check = check_pictures(camera_, plan_.patterns, pictures);
-      judging_s += seconds_since(begin);
-      unchecked_count += check.unchecked.size();
-      if (i == 0) print_check(check);
-      if (!check.wrong.empty()) {
-        ++alarmed_count;
-        std::printf("capture %d: alarm: %s\n", i, check.text().c_str());
-      }
-      if (i == 0) print_swaps(camera_, plan_.patterns, pictures, options_.shares_frac);
-      std::fflush(stdout);
-    }
-    std::printf(
-        "%d captures, %d with a false alarm; %.1f frames a capture unchecked; judged in "
-        "%.0f ms each\n",
-        options_.capture_count, alarmed_count,
-        static_cast<double>(unchecked_count) / options_.capture_count,
-        1000 * judging_s / options_.capture_count);
-    return alarmed_count == 0 ? 0 : 1;
-  }
-
- private:
-  static std::unique_ptr<Simulation> complain(const rig::Error& error) {
-    std::fprintf(stderr, "picture-checks: %s\n", error.detail.c_str());
-    return nullptr;
-  }
-  Simulation(SimulateOptions options, const rig::RigFile& file,
-             const estimation::CameraInfo& camera, capture::Plan plan,
-             std::unique_ptr<hw_sim::HeadWorld> world)
-      : options_(std::move(options)),
-        camera_(camera),
-        plan_(std::move(plan)),
-        sampler_(camera),
-        world_(std::move(world)) {
-    std::uint64_t id = 1;
-    for (auto& picture : capture::render_pictures(plan_, file.projector))
-      pictures_.push_back(
-          std::make_shared<const hw_sim::Picture>(hw_sim::Picture{id++, std::move(picture)}));
-  }
-
-  std::vector<estimation::SeenPicture> capture(int number) {
-    const double capture_s = options_.cycle_ms / 1000 * static_cast<double>(plan_.order.size());
-    const double start_s = number * (capture_s + 1);
-    std::vector<estimation::SeenPicture> seen;
-    for (std::size_t place = 0; place < plan_.order.size(); ++place) {
-      const int pattern = plan_.order[place];
-      double at_s = start_s + static_cast<double>(place) * options_.cycle_ms / 1000;
-      for (std::size_t bracket = 0; bracket < plan_.exposures.size(); ++bracket) {
-        seen.push_back({pattern, static_cast<int>(bracket), at_s - start_s, true,
-                        expose(pattern, bracket, at_s)});
-        constexpr double kGap_s = 0.002;
-        at_s += std::chrono::duration<double>(plan_.exposures[bracket]).count() + kGap_s;
-      }
-    }
-    return seen;
-  }
-
-  std::vector<std::uint16_t> expose(int pattern, std::size_t bracket, double at_s) {
-    const auto duration = plan_.exposures[bracket];
-    const auto& picture = pictures_[static_cast<std::size_t>(pattern)];
-    estimation::Image<std::uint16_t> frame(camera_.height_px, camera_.width_px);
-    const auto start =
-        std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::duration<double>(at_s));
-    world_->expose({.light = {{picture, duration}},
-                    .duration = duration,
-                    .start = start,
-                    .trigger_number = ++trigger_number_},
-                   frame.view());
-    return sampler_.take(std::as_const(frame).view());
-  }
-
-  const SimulateOptions options_;
-  const estimation::CameraInfo camera_;
-  const capture::Plan plan_;
-  const estimation::PictureSampler sampler_;
-  const std::unique_ptr<hw_sim::HeadWorld> world_;
-  std::vector<std::shared_ptr<const hw_sim::Picture>> pictures_;
-  std::uint64_t trigger_number_ = 0;
-};
+  std::printf(
+      "%d captures, %d with a false alarm; %.1f frames a capture unchecked; judged in "
+      "%.0f ms each\n",
+      options.capture_count, alarmed_count,
+      static_cast<double>(unchecked_count) / options.capture_count,
+      1000 * judging_s / options.capture_count);
+  return alarmed_count == 0 ? 0 : 1;
+}
 
 }  // namespace
 
@@ -229,18 +162,17 @@ int main(int argc, char** argv) {
   stored->add_option("--share", shares_frac, "of the picture before, 1: all of it");
   SimulateOptions options;
   CLI::App* const simulate = program.add_subcommand("simulate", "false alarms over a face");
-  simulate->add_option("rig", options.rig_file, "a rig file of the virtual rig")->required();
+  simulate->add_option("rig", options.scene.rig_file, "a rig file of the virtual rig")->required();
   simulate->add_option("--captures", options.capture_count)->capture_default_str();
-  simulate->add_option("--scene", options.scene)->capture_default_str();
+  simulate->add_option("--scene", options.scene.scene)->capture_default_str();
   simulate->add_option("--effects", options.effects_file, "config/effects.example.toml");
-  simulate->add_option("--cycle-ms", options.cycle_ms, "from pattern to pattern")
+  simulate->add_option("--cycle-ms", options.scene.cycle_ms, "from pattern to pattern")
       ->capture_default_str();
   simulate->add_option("--blink-ms", options.blink_ms, "0: none")->capture_default_str();
-  simulate->add_flag("--in-order", options.is_in_order, "stripes by their shift");
-  simulate->add_option("--seed", options.seed)->capture_default_str();
+  simulate->add_flag("--in-order", options.scene.is_in_order, "stripes by their shift");
+  simulate->add_option("--seed", options.scene.seed)->capture_default_str();
   simulate->add_option("--share", options.shares_frac, "swaps in the first capture");
   CLI11_PARSE(program, argc, argv);
   if (stored->parsed()) return check_session(session, shares_frac);
-  const auto simulation = Simulation::open(options);
-  return simulation ? simulation->run() : 1;
+  return check_simulated(options);
 }
