@@ -14,11 +14,13 @@ namespace {
 constexpr std::chrono::milliseconds kConsumerCheckPeriod{100};
 // Flips that teach the lag, and must agree; and where nothing else tells our flips.
 constexpr int kLessons = 2, kSoleLessons = 4;
+constexpr int kSoleRounds = 2;  // one to listen after
 
 int priming_rounds(const LedgerRules& rules) {
   const int flips_a_round = static_cast<int>(rules.exposures.size()) / rules.brackets_per_showing();
   const int lessons = rules.relies_on_swaps ? kSoleLessons : kLessons;
-  return (lessons + flips_a_round - 1) / flips_a_round;
+  const int least = rules.relies_on_swaps ? kSoleRounds : 1;
+  return std::max((lessons + flips_a_round - 1) / flips_a_round, least);
 }
 
 bool relies_on_swaps(const Devices& devices, const LedgerRules& rules) {

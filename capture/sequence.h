@@ -73,9 +73,9 @@ struct SequenceRules {
   // For a lost device to come back; 0: there is nobody to open it anew.
   std::chrono::milliseconds reopen_deadline{0};
   int reopen_limit = 3;  // per capture
-  // Black and still before arming, and never sooner after a flip than its edge has time for: flips
-  // of the run before are on their way as long as the display's lag, and the rig would take them
-  // for the priming's, and each flip to the end for the next one's.
+  // Black and still before arming. After a run it is the edge's deadline: flips are on their way as
+  // long as the display's lag, and the rig would take them for the priming's, and each flip to the
+  // end for the next one's.
   std::chrono::milliseconds settle_time{100};
   // Pace paced: refreshes from the swap of each showing of a pattern to the next swap. Empty:
   // handshake.
@@ -181,10 +181,11 @@ struct SequenceState {
   std::uint64_t shown_show_id = 0;       // the newest that was answered
   std::vector<KeepFrame> unconfirmed{};  // good, but of the newest picture that was shown
   bool is_square_light = false;
-  std::uint64_t flip_show_id = 0;          // of the newest change of the square
-  std::optional<rig::HostTime> flipped{};  // that was swapped in, or else asked for, then
-  bool is_priming_retaken = false;         // in this run
-  Outcome outcome = Outcome::kFailed;      // once Blackening or Ended
+  std::uint64_t dark_show_id = 0;           // of black under a dark square, the latest picture
+  std::optional<rig::HostTime> darkened{};  // when that was first shown, nothing else since
+  bool has_listened = false;                // in this run, see show_next()
+  bool is_priming_retaken = false;          // in this run
+  Outcome outcome = Outcome::kFailed;       // once Blackening or Ended
   std::optional<Failure> failure{};
 };
 

@@ -26,16 +26,19 @@ void Turn::take(const AbortRequested&) {
   if (!is_over(state().phase)) end(Outcome::kAborted);
 }
 
+// Before the first run nothing was flipped, but where no level would show it, it is not relied on.
 rig::HostTime Turn::settled_at() {
   const rig::HostTime settled = now_ + rules_.settle_time;
-  if (!state().flipped) return settled;
-  return std::max<rig::HostTime>(settled, *state().flipped + rules_.ledger.edge_deadline);
+  if (state().run_id == 0 && !rules_.ledger.relies_on_swaps) return settled;
+  return std::max<rig::HostTime>(settled,
+                                 state().darkened.value_or(now_) + rules_.ledger.edge_deadline);
 }
 
 void Turn::take(const Armed&) {
   if (!std::holds_alternative<Arming>(state().phase)) return;
   ledger().start_run();
   state().is_priming_retaken = false;
+  state().has_listened = false;
   state().phase = Collecting{};  // nothing is awaited yet: proceed() shows the priming
 }
 
@@ -53,7 +56,7 @@ void Turn::take(const StorageFailed& failed) {
 }
 
 void Turn::take(const rig::PictureShown& shown) {
-  if (shown.show_id == state().flip_show_id) state().flipped = now_;
+  if (shown.show_id == state().dark_show_id && !state().darkened) state().darkened = now_;
   if (const auto* darkening = std::get_if<Darkening>(&state().phase)) {
     if (darkening->show_id == shown.show_id) state().phase = Settling{settled_at()};
   } else if (const auto* blackening = std::get_if<Blackening>(&state().phase)) {
@@ -124,7 +127,7 @@ void Turn::reopen(const Finding& finding, rig::Device device) {
   discard_unconfirmed();
   // It may take long, and nobody should look into a pattern meanwhile. A projector that is lost
   // is black by itself.
-  set_square(false);
+  state().is_square_light = false;
   if (device != rig::Device::kProjector) ask_for(rig::kBlackPicture);
   state().phase = Reopening{{device}, true, now_, now_ + rules_.reopen_deadline, finding.detail};
   step_.actions.push_back(Reopen{device});  // first, for a dead device takes seconds to disarm

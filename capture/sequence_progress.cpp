@@ -73,6 +73,16 @@ bool Turn::is_too_early() {
   return true;
 }
 
+// In the midst of the priming, where no level tells: an edge that comes while none is due is that
+// of a flip whose own was taken for the flip before.
+bool Turn::listens() {
+  const bool may_listen = rules_.ledger.relies_on_swaps && !rules_.ledger.latency;
+  if (!may_listen || !ledger().has_edge() || std::exchange(state().has_listened, true))
+    return false;
+  state().phase = Pacing{now_ + rules_.ledger.edge_deadline};
+  return true;
+}
+
 void Turn::show_next() {
   if (is_too_early()) return;
   state().phase = Collecting{};
@@ -83,7 +93,7 @@ void Turn::show_next() {
   if (const int bracket = ledger().next_bracket(); bracket != kNoBracket) {
     show(ledger().showing_pattern(), bracket);
   } else if (!ledger().is_primed()) {
-    if (open_count == 0) show(kPrimePattern, 0);
+    if (open_count == 0 && !listens()) show(kPrimePattern, 0);
   } else if (ledger().is_complete()) {
     if (state().unconfirmed.empty()) return end(Outcome::kComplete);
     confirm_last();
@@ -109,7 +119,7 @@ void Turn::confirm_last() {
 }
 
 void Turn::darken() {
-  set_square(false);
+  state().is_square_light = false;
   state().phase = Darkening{ask_for(rig::kBlackPicture), now_ + rules_.ledger.edge_deadline};
   state().queue.clear();
   for (const int pattern : order_)
@@ -128,7 +138,7 @@ void Turn::arm() {
 }
 
 void Turn::show(int pattern, int first_bracket) {
-  set_square(!state().is_square_light);
+  state().is_square_light = !state().is_square_light;
   const std::uint64_t show_id = ask_for(pattern == kPrimePattern ? rig::kBlackPicture : pattern);
   ledger().open_showing({pattern, first_bracket, show_id, state().is_square_light, now_});
   state().phase = Showing{};
@@ -136,22 +146,17 @@ void Turn::show(int pattern, int first_bracket) {
 
 void Turn::end(Outcome outcome) {
   discard_unconfirmed();
-  set_square(false);
+  state().is_square_light = false;
   state().outcome = outcome;
   state().phase = Blackening{ask_for(rig::kBlackPicture), now_ + kBlackDeadline};
   step_.actions.push_back(Disarm{});
 }
 
-// Of the picture that is asked for next.
-void Turn::set_square(bool is_light) {
-  if (is_light == state().is_square_light) return;
-  state().is_square_light = is_light;
-  state().flip_show_id = state().next_show_id;
-  state().flipped = now_;
-}
-
 std::uint64_t Turn::ask_for(int picture) {
   const std::uint64_t show_id = state().next_show_id++;
+  const bool is_dark = picture == rig::kBlackPicture && !state().is_square_light;
+  state().dark_show_id = is_dark ? show_id : 0;
+  if (!is_dark) state().darkened.reset();
   step_.actions.push_back(Show{{show_id, picture, state().is_square_light}});
   return show_id;
 }

@@ -86,12 +86,12 @@ class Turn {
   std::chrono::nanoseconds pace();
   void fire();
   bool is_too_early();
+  bool listens();
   void show_next();
   void confirm_last();
   void darken();
   void arm();
   void show(int pattern, int first_bracket);
-  void set_square(bool is_light);
   void end(Outcome outcome);
   std::uint64_t ask_for(int picture);
 

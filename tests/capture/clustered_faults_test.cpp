@@ -119,6 +119,28 @@ TEST(NoLevel, FlipsThatDoNotWaitForEachOtherAreNotToldApartByTimeAlone) {
   }
 }
 
+// A flip that nothing was heard of until long after its deadline, or only black makes up for.
+TEST(NoLevel, WhatChangesAfterARunIsArmedAgainIsNotThePriming) {
+  Cluster slow = cluster_on(rig::SyncMode::kCameraLine, 20, 30);
+  slow.camera.has_line_status = false;
+  slow.camera.transfer = milliseconds(68);
+  slow.display.input_lag_refreshes = 3;
+  for (int late_ms = 1400; late_ms <= 2400; late_ms += 10) {
+    SCOPED_TRACE(late_ms);
+    Cluster cluster = slow;
+    cluster.faults.faults.push_back(fault_at(kFlipLate, 51));
+    cluster.faults.faults.back().duration = milliseconds(late_ms);
+    expect_promise(try_cluster(cluster));
+  }
+  for (int light_ms = 40; light_ms <= 80; light_ms += 2) {
+    SCOPED_TRACE(light_ms);
+    Cluster cluster = slow;
+    cluster.display.light_delay = milliseconds(light_ms);
+    cluster.faults.faults.push_back(fault_at(kEdgeMissed, 63, 1));
+    expect_promise(try_cluster(cluster));
+  }
+}
+
 TEST(ClusteredFaults, EndCompleteOrFailedButNeverWrong) {
   constexpr std::uint64_t kCount = 60;
   for (const MatrixRig& rig : cluster_rigs()) {

@@ -91,10 +91,11 @@ class ModesTest : public testing::Test {
     frame(swapped_ + kLag);
   }
   void prime() {
-    showing();
-    if (phase() == "pacing") time_out();
-    showing();
-    if (phase() == "pacing") time_out();
+    for (int bracket = 0; bracket < 2; ++bracket) {
+      if (phase() == "pacing") time_out();
+      showing();
+    }
+    if (phase() == "pacing" && state_->ledger.is_primed()) time_out();
   }
   Incident found() const {
     return reacted_.empty() ? Incident::kStorage : reacted_.front().finding.incident;
@@ -171,6 +172,26 @@ TEST_F(ModesTest, ADamagedFrameIsARestartWhereOnlyTimesTellFlipsApart) {
     EXPECT_EQ(found(), Incident::kFrameDamaged);
     EXPECT_EQ(reacted_[0].reaction,
               rules.ledger.relies_on_swaps ? Reaction::kRestart : Reaction::kRetake);
+  }
+}
+
+// An edge of a run before would have taken the first flip's place, and each flip the next one's.
+TEST_F(ModesTest, WithoutALevelThePrimingListensForAnEdgeTooMany) {
+  SequenceRules sole = boxless();
+  sole.ledger.relies_on_swaps = true;
+  sole.ledger.priming_rounds = 2;
+  for (const bool is_one_too_many : {false, true}) {
+    play(sole);
+    prime();
+    if (is_one_too_many) {
+      frame(now_);
+      EXPECT_EQ(phase(), "darkening");
+      EXPECT_EQ(found(), Incident::kEdgeOutOfOrder);
+    } else {
+      prime();
+      EXPECT_EQ(shown_.picture, 0);
+      EXPECT_TRUE(reacted_.empty());
+    }
   }
 }
 
