@@ -16,7 +16,16 @@ void LightTimeline::show(rig::HostTime start, std::shared_ptr<const Picture> pic
     entries_.pop_front();
 }
 
+void LightTimeline::set_source(Source source) {
+  const std::lock_guard lock(source_mutex_);
+  source_ = std::move(source);
+}
+
 std::vector<LightSegment> LightTimeline::between(rig::HostTime start, rig::HostTime end) const {
+  {
+    const std::lock_guard lock(source_mutex_);
+    if (source_) source_(end);
+  }
   const std::lock_guard lock(mutex_);
   std::vector<LightSegment> segments;
   for (std::size_t i = 0; i < entries_.size(); ++i) {

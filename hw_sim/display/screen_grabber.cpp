@@ -12,10 +12,12 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <condition_variable>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <deque>
+#include <mutex>
 #include <optional>
 #include <utility>
 
@@ -29,6 +31,8 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr auto kGammaPeriod = milliseconds(100);  // a new ramp sends no X event
+// Of an X server that stands still; what is known of its light is then all there is.
+constexpr auto kServerPatience = std::chrono::seconds(1);
 // A plan of 88 patterns and its retakes; beyond that a pattern's light is computed anew.
 constexpr std::size_t kPictureLimit = 256;
 
@@ -165,18 +169,24 @@ class ScreenGrabber::Eye {
   rig::Result<void> connect();
   void run(const std::stop_token& stop);
   void wake() { eventfd_write(wake_, 1); }
+  void see_until(rig::HostTime until);  // from any thread but ours
   void stick_photodiode(bool is_stuck) {
     is_stuck_ = is_stuck;
+    is_photodiode_meddled_with_ = true;
     wake();
   }
   void dim_photodiode(double level_frac) {
     level_frac_ = level_frac;
+    is_photodiode_meddled_with_ = true;
     wake();
   }
 
  private:
   void wait_for_news(const std::stop_token& stop);
+  void look_at_screen();
   void read_events();
+  rig::HostTime drawn_at(Time server_time_ms) const;
+  void change(rig::HostTime when);
   void locate_output();
   bool read_gamma();  // true: it changed
   void grab();
@@ -202,6 +212,7 @@ class ScreenGrabber::Eye {
   Rectangle area_;  // of the projector's monitor on the screen; empty: unplugged
   GammaTable gamma_;
   bool is_damaged_ = true, is_moved_ = true;
+  rig::HostTime changed_at_ = rig::HostClock::now();  // the last change of what is on the screen
   rig::HostTime next_gamma_check_{};
 
   PictureCache pictures_{kPictureLimit};
@@ -209,8 +220,12 @@ class ScreenGrabber::Eye {
   double square_frac_ = -1;  // brightness of the sync square; -1: none yet
   double seen_frac_ = -1;    // as the photodiode saw it last
   rig::HostTime latest_light_{};
+  std::mutex seen_mutex_;
+  std::condition_variable seen_changed_;
+  rig::HostTime seen_until_, wanted_until_;  // guarded by seen_mutex_; all drawn before is lit
   std::atomic<bool> is_stuck_ = false;
   std::atomic<double> level_frac_ = 1;
+  std::atomic<bool> is_photodiode_meddled_with_ = false;
   std::deque<LevelSample> levels_;  // still to be reported
 };
 
@@ -230,7 +245,7 @@ rig::Result<void> ScreenGrabber::Eye::connect() {
     return rig::failure(rig::Fault::kUnsupported,
                         settings_.display + " lacks the DAMAGE, RANDR or MIT-SHM extension");
   const Window root = DefaultRootWindow(display_.get());
-  damage_ = XDamageCreate(display_.get(), root, XDamageReportNonEmpty);
+  damage_ = XDamageCreate(display_.get(), root, XDamageReportRawRectangles);
   XRRSelectInput(display_.get(), root, RRScreenChangeNotifyMask | RRCrtcChangeNotifyMask);
   locate_output();
   if (area_ == Rectangle{})
@@ -249,7 +264,7 @@ void ScreenGrabber::Eye::locate_output() {
   area_ = info ? Rectangle{info->x, info->y, static_cast<int>(info->width),
                            static_cast<int>(info->height)}
                : Rectangle{};
-  is_damaged_ = true;
+  change(rig::HostClock::now());
 }
 
 bool ScreenGrabber::Eye::read_gamma() {
@@ -262,13 +277,27 @@ bool ScreenGrabber::Eye::read_gamma() {
   return is_changed;
 }
 
+// The latest that it can have been: the X server's clock is ours, CLOCK_MONOTONIC, in ms and 32
+// bits.
+rig::HostTime ScreenGrabber::Eye::drawn_at(Time server_time_ms) const {
+  const rig::HostTime now = rig::HostClock::now();
+  const auto now_ms = std::chrono::floor<milliseconds>(now.time_since_epoch());
+  const auto age_ms = static_cast<std::int32_t>(static_cast<std::uint32_t>(now_ms.count()) -
+                                                static_cast<std::uint32_t>(server_time_ms));
+  return std::min(now, rig::HostTime(now_ms - milliseconds(age_ms) + milliseconds(1)));
+}
+
+void ScreenGrabber::Eye::change(rig::HostTime when) {
+  is_damaged_ = true;
+  changed_at_ = std::max(changed_at_, when);
+}
+
 void ScreenGrabber::Eye::read_events() {
   while (!is_server_gone_ && XPending(display_.get()) > 0) {
     XEvent event;
     XNextEvent(display_.get(), &event);
     if (event.type == damage_event_ + XDamageNotify) {
-      XDamageSubtract(display_.get(), damage_, None, None);  // before the grab: no gap
-      is_damaged_ = true;
+      change(drawn_at(reinterpret_cast<const XDamageNotifyEvent&>(event).timestamp));
     } else if (event.type >= randr_event_) {
       XRRUpdateConfiguration(&event);
       is_moved_ = true;
@@ -286,15 +315,21 @@ void ScreenGrabber::Eye::grab() {
   }
   if (!image_ || image_->width_px() != area_.width_px || image_->height_px() != area_.height_px)
     image_.emplace(display_.get(), area_.width_px, area_.height_px);
-  read_gamma();
-  if (image_->fill(area_.x_px, area_.y_px)) light_up(apply_gamma(*image_, gamma_));
+  if (read_gamma()) change(rig::HostClock::now());
+  bool is_filled = false;
+  do {  // what was drawn before the answer has been told by then, what after it is for another look
+    is_damaged_ = false;
+    is_filled = image_->fill(area_.x_px, area_.y_px);
+    read_events();
+  } while (is_filled && is_damaged_ && !is_moved_ && !is_server_gone_);
+  if (is_filled) light_up(apply_gamma(*image_, gamma_));
 }
 
 void ScreenGrabber::Eye::light_up(estimation::Image<unsigned char> brightness) {
   const double square_frac = take_square(
       brightness,
       place_square(settings_.sync_square, brightness.width_px(), brightness.height_px()));
-  const std::int64_t blank = clock_.blank_at(rig::HostClock::now()) + 1;
+  const std::int64_t blank = clock_.blank_at(changed_at_) + 1;
   const bool is_flip = square_frac != square_frac_ && square_frac_ >= 0;
   const FlipFaults planned =
       is_flip && settings_.faults != nullptr ? settings_.faults->take_flip() : FlipFaults{};
@@ -319,7 +354,7 @@ void ScreenGrabber::Eye::look_at_square(rig::HostTime lit_at) {
   const double frac = square_frac_ * level_frac_;
   if (is_stuck_ || square_frac_ < 0 || frac == seen_frac_) return;
   seen_frac_ = frac;
-  const rig::HostTime seen_at = lit_at + settings_.square_delay;
+  const rig::HostTime seen_at = std::max(lit_at + settings_.square_delay, rig::HostClock::now());
   while (!levels_.empty() && levels_.back().time >= seen_at) levels_.pop_back();
   const std::vector<LevelSample> samples = photodiode_.look(seen_at, frac);
   levels_.insert(levels_.end(), samples.begin(), samples.end());
@@ -345,18 +380,45 @@ void ScreenGrabber::Eye::wait_for_news(const std::stop_token& stop) {
       {{wake_, POLLIN, 0}, {ConnectionNumber(display_.get()), POLLIN, 0}}};
   ppoll(sources.data(), is_server_gone_ ? 1 : 2, &timeout, nullptr);
   eventfd_t told = 0;
-  if (eventfd_read(wake_, &told) == 0 && !stop.stop_requested())
+  static_cast<void>(eventfd_read(wake_, &told));
+  if (is_photodiode_meddled_with_.exchange(false) && !stop.stop_requested())
     look_at_square(std::max(latest_light_, rig::HostClock::now()));
+}
+
+void ScreenGrabber::Eye::look_at_screen() {
+  const rig::HostTime now = rig::HostClock::now();
+  bool is_asked = false;
+  {
+    const std::lock_guard lock(seen_mutex_);
+    is_asked = wanted_until_ > seen_until_;
+  }
+  if (is_asked && !is_server_gone_) XSync(display_.get(), False);  // all events are with us then
+  read_events();
+  if (is_moved_ && !is_server_gone_) locate_output();
+  if (!is_server_gone_ && rig::HostClock::now() >= next_gamma_check_ && read_gamma())
+    change(rig::HostClock::now());
+  if (is_server_gone_ && !std::exchange(is_end_told_, true)) change(rig::HostClock::now());
+  if (is_damaged_) grab();
+  if (!is_asked) return;
+  {
+    const std::lock_guard lock(seen_mutex_);
+    seen_until_ = now;
+  }
+  seen_changed_.notify_all();
+}
+
+void ScreenGrabber::Eye::see_until(rig::HostTime until) {
+  until = std::min(until, rig::HostClock::now());
+  std::unique_lock lock(seen_mutex_);
+  if (seen_until_ >= until) return;
+  wanted_until_ = std::max(wanted_until_, until);
+  wake();
+  seen_changed_.wait_for(lock, kServerPatience, [&] { return seen_until_ >= until; });
 }
 
 void ScreenGrabber::Eye::run(const std::stop_token& stop) {
   while (!stop.stop_requested()) {
-    read_events();
-    if (is_moved_ && !is_server_gone_) locate_output();
-    if (!is_server_gone_ && rig::HostClock::now() >= next_gamma_check_ && read_gamma())
-      is_damaged_ = true;
-    if (is_server_gone_ && !std::exchange(is_end_told_, true)) is_damaged_ = true;
-    if (is_damaged_) grab();
+    look_at_screen();
     report_levels();
     wait_for_news(stop);
   }
@@ -369,17 +431,19 @@ rig::Result<std::unique_ptr<ScreenGrabber>> ScreenGrabber::start(const GrabberSe
   auto eye = std::make_unique<Eye>(settings, light, std::move(on_picture), std::move(on_level));
   if (const rig::Result<void> connected = eye->connect(); !connected)
     return tl::unexpected(connected.error());
-  return std::unique_ptr<ScreenGrabber>(new ScreenGrabber(std::move(eye)));
+  return std::unique_ptr<ScreenGrabber>(new ScreenGrabber(std::move(eye), light));
 }
 
-ScreenGrabber::ScreenGrabber(std::unique_ptr<Eye> eye) : eye_(std::move(eye)) {
+ScreenGrabber::ScreenGrabber(std::unique_ptr<Eye> eye, LightTimeline& light)
+    : light_(light), eye_(std::move(eye)) {
   thread_ = std::jthread([this](const std::stop_token& stop) {
     const std::stop_callback wake(stop, [this] { eye_->wake(); });
     eye_->run(stop);
   });
+  light_.set_source([this](rig::HostTime until) { eye_->see_until(until); });
 }
 
-ScreenGrabber::~ScreenGrabber() = default;
+ScreenGrabber::~ScreenGrabber() { light_.set_source({}); }
 
 void ScreenGrabber::stick_photodiode(bool is_stuck) { eye_->stick_photodiode(is_stuck); }
 

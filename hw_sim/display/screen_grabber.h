@@ -29,9 +29,11 @@ struct GrabberSettings {
 };
 
 // A picture drawn between two vertical blanks is lit from the second one on (plus input lag), until
-// the next one is; of several drawn in between the last is lit. All times are those of the
-// simulated blanks, never of a thread that woke up late.
-//   picture drawn ─► damage ─► grab, gamma ramp applied ─► LightTimeline, known before it is lit
+// the next one is; of several drawn in between the last is lit. Light has the times of the
+// simulated blanks, never of a thread that woke up late: drawings are dated by the X server (to
+// 1 ms), and who reads the time line waits until all drawn before has been seen. The photodiode
+// alone is as late as the thread.
+//   picture drawn ─► damage ─► grab, gamma ramp applied ─► LightTimeline
 //                                    └─► sync square ─► photodiode ─► on_level, at or after its
 //                                    time
 // The photodiode sits in front of the sync square and keeps its light off the scene: the square is
@@ -45,7 +47,8 @@ class ScreenGrabber {
   // A picture that is about to be lit, for World::prepare(). From the grabber's thread.
   using PictureCallback = std::function<void(const std::shared_ptr<const Picture>&)>;
 
-  // Errors: kNotFound if there is no such X server or output.
+  // Is the source of `light` as long as it lives. Errors: kNotFound if there is no such X server or
+  // output.
   static rig::Result<std::unique_ptr<ScreenGrabber>> start(const GrabberSettings& settings,
                                                            LightTimeline& light,
                                                            PictureCallback on_picture,
@@ -58,8 +61,9 @@ class ScreenGrabber {
 
  private:
   class Eye;
-  explicit ScreenGrabber(std::unique_ptr<Eye> eye);
+  ScreenGrabber(std::unique_ptr<Eye> eye, LightTimeline& light);
 
+  LightTimeline& light_;
   std::unique_ptr<Eye> eye_;
   std::jthread thread_;
 };

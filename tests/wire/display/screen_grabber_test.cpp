@@ -7,6 +7,7 @@
 #include <condition_variable>
 #include <mutex>
 #include <optional>
+#include <thread>
 #include <vector>
 
 #include "tests/contract/projector_events.h"
@@ -30,12 +31,17 @@ constexpr int kLight_adc = 900;
 // The photodiode's readings, and the pictures that were lit, as they come.
 class Watcher {
  public:
-  explicit Watcher(hw_sim::GrabberSettings settings = {}) {
+  // `work` keeps the grabber's thread from looking at the screen, at every picture.
+  explicit Watcher(hw_sim::GrabberSettings settings = {},
+                   std::chrono::milliseconds work = std::chrono::milliseconds(0)) {
     if (settings.display.empty()) settings.display = screen().display();
     settings.sync_square = projector_settings().sync_square;
     auto grabber = hw_sim::ScreenGrabber::start(
         settings, light_,
-        [this](const auto& picture) { add([&] { pictures_.push_back(picture); }); },
+        [this, work](const auto& picture) {
+          add([&] { pictures_.push_back(picture); });
+          std::this_thread::sleep_for(work);
+        },
         [this](rig::HostTime time, int level_adc) {
           add([&] { levels_.push_back({time, level_adc}); });
         });
@@ -113,6 +119,29 @@ TEST(ScreenGrabber, EveryAlternationIsOneEdgeWithItsPictureAlreadyLit) {
       EXPECT_EQ(lit->brightness.at(0, 0), 10 * (i % 25 + 1)) << "pattern " << i;
     }
     EXPECT_EQ(watcher.level_count(), static_cast<std::size_t>(kPatternCount) + 1);
+  });
+}
+
+// What a busy computer does to the simulation's threads happens to no lamp.
+TEST(ScreenGrabber, LightIsDatedByTheBlankHoweverLateItIsSeen) {
+  run_projector(projector_settings(), [](rig::Projector& projector, rig::EventSource& events) {
+    ASSERT_TRUE(projector.load(rig::contract::plain_pictures(projector_settings(), 2)));
+    Watcher watcher({}, std::chrono::milliseconds(120));
+    ASSERT_TRUE(watcher.wait_for_level(1));
+    const auto show = [&](int picture) {
+      EXPECT_TRUE(projector.show({.show_id = 1, .picture = picture, .is_square_light = true}));
+      return wait_for_shown(events);
+    };
+    ASSERT_TRUE(show(0));
+    ASSERT_TRUE(watcher.wait_for_picture(2));  // and the grabber is busy with it for a while
+    const std::optional<rig::PictureShown> shown = show(1);
+    ASSERT_TRUE(shown);
+    const auto two_refreshes = std::chrono::microseconds(33'400);
+    std::this_thread::sleep_until(shown->swapped + two_refreshes);
+    const std::shared_ptr<const hw_sim::Picture> lit =
+        watcher.lit_at(shown->swapped + two_refreshes);
+    ASSERT_TRUE(lit);
+    EXPECT_EQ(lit->brightness.at(0, 0), 20);
   });
 }
 
