@@ -45,7 +45,11 @@
 //
 // Where the camera does not tell the level after an edge, the display's timing must tell our flips
 // (LedgerRules::relies_on_swaps): Pacing comes in pace handshake, too, so that an edge cannot pass
-// for the next flip's, and a swap that is late restarts the run.
+// for the next flip's, and pace paced is not taken up; a swap that is late and a frame that is
+// damaged restart the run; and the priming pauses once, to hear an edge that is one too many.
+//
+// With a box a frame is handed on, besides, when one of a later pulse has come in its number: then
+// no stray exposure stood for a pulse between. The last of all has none after it.
 #pragma once
 
 #include <chrono>
