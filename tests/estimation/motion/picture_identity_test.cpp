@@ -317,6 +317,27 @@ TEST(PictureIdentity, FewerShiftsAreCheckedToo) {
   EXPECT_EQ(check(few, capture(few, {}, 7)).unchecked.size(), 10U);
 }
 
+// As a take that was interrupted has it: at its end nothing holds what the others say.
+TEST(PictureIdentity, PartOfASweepInOrderAccusesNobodyAndFindsWhatIsHeld) {
+  const auto patterns = plan_of(sweep(1));
+  for (const double dn_per_white : {60.0, 300.0, 1500.0}) {
+    Scene scene;
+    scene.dn_per_white = dn_per_white;
+    auto whole = capture(patterns, scene, 11);
+    std::ranges::sort(whole, {}, &SeenPicture::pattern);
+    for (std::size_t i = 0; i < whole.size(); ++i) whole[i].elapsed_s = static_cast<double>(i) / 15;
+    for (std::size_t count = 12; count <= whole.size(); ++count) {
+      SCOPED_TRACE(std::to_string(count) + " shifts of " + std::to_string(dn_per_white) + " DN");
+      std::vector<SeenPicture> part(whole.begin(),
+                                    whole.begin() + static_cast<std::ptrdiff_t>(count));
+      EXPECT_THAT(check(patterns, part).wrong, IsEmpty());
+      if (count < 28) continue;
+      std::swap(part[count / 2 - 4].samples_dn, part[count / 2 + 4].samples_dn);
+      EXPECT_EQ(check(patterns, part).wrong.size(), 2U);
+    }
+  }
+}
+
 TEST(PictureIdentity, SaysWhatItCannotCheck) {
   std::vector<PatternKind> kinds = codes(false);
   kinds.emplace_back(Stripes{Axis::kColumn, 40, 8, 0});
