@@ -30,6 +30,8 @@ void Ledger::start_run() {
   camera_clock_ = {};
   last_edge_number_ = 0;
   proved_pulse_number_ = 0;
+  least_delay_.reset();
+  prompt_pulse_number_ = 0;
   lag_.forget();
   primed_frame_count_ = 0;
   is_priming_spoiled_ = false;
@@ -129,6 +131,12 @@ void Ledger::spoil_showing(std::uint64_t show_id) {
     showing.is_spoiled = true;
     is_priming_spoiled_ = is_priming_spoiled_ || showing.flip.pattern == kPrimePattern;
   }
+}
+
+bool Ledger::is_count_proved(std::uint32_t pulse_number) const {
+  return pulse_number <= prompt_pulse_number_ ||
+         std::all_of(showings_.begin(), showings_.end(),
+                     [](const Showing& showing) { return showing.edge || showing.is_edge_lost; });
 }
 
 bool Ledger::is_spoiled(std::uint64_t show_id) const {

@@ -13,6 +13,10 @@
 // earlier one's; the frame before proves that the last flip was shown, and the level that this one
 // was. The time of the edge says the rest: not before its picture was asked for, and as long after
 // the swap as in the priming (capture/swap_lag.h): no other light took the flip's place.
+// In pace paced later flips are on their way while a frame comes. Two of them that nobody saw leave
+// the levels as they are, and a camera's clock that steps back by as much leaves the times; but
+// then frames come that much later, by the host's clock. A frame that is as prompt as those before
+// proves the count up to itself, and so do flips that have all been seen.
 // From a camera that does not tell the level (LedgerRules::relies_on_swaps) times are all there is,
 // and then the display must keep time: swaps that are late are findings, too.
 //
@@ -170,6 +174,8 @@ class Ledger {
   // The newest pulse of this run whose frame was found good: camera and box counted alike up to
   // it. 0: none yet.
   std::uint32_t proved_pulse_number() const { return proved_pulse_number_; }
+  // Where edges are told by frames: is the count of edges proved up to that pulse?
+  bool is_count_proved(std::uint32_t pulse_number) const;
   // Gives up on a showing: none of its frames will count.
   void spoil_showing(std::uint64_t show_id);
   bool is_spoiled(std::uint64_t show_id) const;
@@ -214,6 +220,7 @@ class Ledger {
   };
 
   static std::string in_us(std::chrono::nanoseconds time);
+  void note_promptness(const FrameFacts& facts, const Pulse& pulse);
   bool is_over(const Showing& showing) const;
   bool is_settled(const Showing& showing) const;
   Showing* without_edge();
@@ -243,6 +250,8 @@ class Ledger {
   rig::ClockMap<rig::CameraClock> camera_clock_;
   std::uint32_t last_edge_number_ = 0;
   std::uint32_t proved_pulse_number_ = 0;
+  std::optional<std::chrono::nanoseconds> least_delay_;  // from a pulse's end to its frame
+  std::uint32_t prompt_pulse_number_ = 0;                // the newest whose frame came so soon
   SwapLag lag_;
   int primed_frame_count_ = 0;  // of the priming under way, or the last one
   bool is_priming_spoiled_ = false;

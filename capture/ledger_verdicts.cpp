@@ -69,6 +69,18 @@ std::optional<Finding> Ledger::contradiction(const FrameFacts& facts, const Puls
   return std::nullopt;
 }
 
+void Ledger::note_promptness(const FrameFacts& facts, const Pulse& pulse) {
+  // Less than two flips are apart.
+  const nanoseconds two_exposures =
+      rules_.exposures.front() + rules_.exposures[rules_.exposures.size() > 1 ? 1 : 0];
+  const nanoseconds tolerance = std::max(rules_.refresh_interval, two_exposures / 2 + rules_.gap);
+  const nanoseconds delay = facts.received - pulse.ended;
+  least_delay_ = std::min(least_delay_.value_or(delay), delay);
+  if (delay <= *least_delay_ + tolerance)
+    prompt_pulse_number_ =
+        std::max(prompt_pulse_number_, static_cast<std::uint32_t>(facts.pulse_number()));
+}
+
 Verdict Ledger::decide(const FrameFacts& facts, Findings& findings) {
   Verdict verdict{facts.ticket, std::nullopt, {}};
   const std::uint64_t number = facts.pulse_number();
@@ -99,6 +111,7 @@ Verdict Ledger::decide(const FrameFacts& facts, Findings& findings) {
   pulse.wait = Wait::kArrived;
   proved_pulse_number_ = std::max(proved_pulse_number_, static_cast<std::uint32_t>(number));
   camera_clock_.add(facts.timestamp, pulse.started, kPulseTimeUncertainty);
+  note_promptness(facts, pulse);
   if (showing.flip.pattern == kPrimePattern) {
     const int wanted_count = rules_.priming_rounds * static_cast<int>(rules_.exposures.size());
     if (++primed_frame_count_ >= wanted_count) is_primed_ = true;

@@ -174,7 +174,19 @@ void Turn::judge_frames() {
       step_.actions.push_back(DropFrame{verdict.ticket});
   }
   confirm_anew();
+  if (findings.empty()) findings = look_at_unconfirmed();
   react(findings);
+}
+
+// Frames that stay late may be of flips that nobody saw.
+Findings Turn::look_at_unconfirmed() {
+  constexpr std::size_t kMostUnconfirmed = 8;
+  if (!rules_.ledger.has_edge_per_bracket || state().unconfirmed.size() <= kMostUnconfirmed)
+    return {};
+  const SlotId slot = state().unconfirmed.front().slot;
+  return {{Incident::kEdgeLate, slot.pattern, slot.bracket,
+           "frames come later after their exposures than before, " +
+               std::to_string(state().unconfirmed.size()) + " in a row"}};
 }
 
 void Turn::keep(const KeepFrame& frame) {
@@ -191,7 +203,8 @@ bool Turn::is_confirmed(const KeepFrame& frame) {
 // A stray exposure that takes a pulse's place just before it, as long after the pulse as the
 // clocks are good, shows in the numbers of all frames after it. After the last there is none.
 bool Turn::is_counted(const KeepFrame& frame) {
-  if (rules_.ledger.has_edge_per_bracket) return true;  // told by the edges
+  if (rules_.ledger.has_edge_per_bracket)
+    return ledger().is_count_proved(frame.evidence.pulse_number);
   if (frame.evidence.pulse_number < ledger().proved_pulse_number()) return true;
   return std::holds_alternative<Confirming>(state().phase) && ledger().open_showing_count() == 0;
 }

@@ -56,6 +56,7 @@ class Turn {
   void take(const ReopenRefused& refused);
   void give_up(const Reopening& reopening);
   void judge_frames();
+  Findings look_at_unconfirmed();
   void keep(const KeepFrame& frame);
   bool is_confirmed(const KeepFrame& frame);
   bool is_counted(const KeepFrame& frame);

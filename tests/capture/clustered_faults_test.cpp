@@ -119,6 +119,38 @@ TEST(NoLevel, FlipsThatDoNotWaitForEachOtherAreNotToldApartByTimeAlone) {
   }
 }
 
+// The same where the level is told: two flips leave it as it is, but frames come later from then
+// on.
+TEST(PacedFlips, ThatNobodySawAndAClockThatStepsBackByThemAreTold) {
+  for (const int showing : {15, 81})
+    for (int step_ms = 90; step_ms <= 190; step_ms += 2) {
+      SCOPED_TRACE(testing::Message() << "showing " << showing << ", " << step_ms << " ms");
+      Cluster cluster = cluster_on(rig::SyncMode::kCameraLine, 20, 30);
+      cluster.rig_file.sequence.pace = rig::Pace::kPaced;
+      cluster.display.input_lag_refreshes = 3;
+      cluster.display.report_delay = milliseconds(16);
+      cluster.faults.faults.push_back(fault_at(kTriggerMissed, showing, 0, 2));
+      cluster.faults.faults.push_back(fault_at(kClockStep, showing + 2));
+      cluster.faults.faults.back().duration = milliseconds(-step_ms);
+      cluster.faults.faults.push_back(fault_at(kFrameTruncated, showing + 2, 1));
+      const Trial trial = try_cluster(cluster);
+      expect_promise(trial);
+      EXPECT_EQ(trial.outcome, Outcome::kComplete);
+    }
+}
+
+TEST(PacedFlips, WhoseFramesStayLateEndComplete) {
+  for (const int count : {1, 7, 8, 9, 10, 30, 120}) {
+    SCOPED_TRACE(count);
+    Cluster cluster = cluster_on(rig::SyncMode::kCameraLine, 20, 30);
+    cluster.rig_file.sequence.pace = rig::Pace::kPaced;
+    cluster.faults.faults.push_back(fault_at(kFrameLate, 40, 0, count));
+    const Trial trial = try_cluster(cluster);
+    expect_promise(trial);
+    EXPECT_EQ(trial.outcome, Outcome::kComplete);
+  }
+}
+
 // A flip that nothing was heard of until long after its deadline, or only black makes up for.
 TEST(NoLevel, WhatChangesAfterARunIsArmedAgainIsNotThePriming) {
   Cluster slow = cluster_on(rig::SyncMode::kCameraLine, 20, 30);
