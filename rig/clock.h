@@ -38,8 +38,6 @@ template <typename DeviceClock>
 class ClockMap {
  public:
   // `host` is when the device's clock read `device`, give or take `uncertainty`.
-  // A sample of a device time before the latest one's (the device has restarted) forgets the
-  // others.
   void add(typename DeviceClock::time_point device, HostTime host,
            std::chrono::nanoseconds uncertainty);
   bool is_ready() const { return !samples_.empty(); }
