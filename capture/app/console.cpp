@@ -33,11 +33,20 @@ void open_standard_streams() {
     if (::fcntl(number, F_GETFD) < 0) std::ignore = ::open("/dev/null", O_RDWR);
 }
 
+namespace {
+
+// 0: all was written. A write that failed earlier has left no number: another one tells it.
+int output_error() {
+  if (std::fflush(stdout) != 0) return errno;
+  if (std::ferror(stdout) == 0) return 0;
+  return ::write(STDOUT_FILENO, "\n", 1) < 0 ? errno : EIO;
+}
+
+}  // namespace
+
 ExitCode finish_output(ExitCode exit_code) {
-  errno = 0;
-  const bool is_written = std::fflush(stdout) == 0 && std::ferror(stdout) == 0;
-  const int error_number = errno;
-  if (is_written || error_number == EPIPE) return exit_code;
+  const int error_number = output_error();
+  if (error_number == 0 || error_number == EPIPE) return exit_code;
   complain("standard output cannot be written: " + std::generic_category().message(error_number) +
            "; what was done stands, what it says is lost");
   return exit_code == ExitCode::kDone ? ExitCode::kFailed : exit_code;

@@ -134,7 +134,8 @@ class HttplibServer final : public HttpServer {
         case 414:
           return "the address is too long";
         default:
-          return "the request cannot be read";
+          return response.status >= 500 ? "the daemon could not answer; ask again"
+                                        : "the request cannot be read";
       }
     };
     reply_error(response, response.status, text());

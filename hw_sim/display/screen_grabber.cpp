@@ -183,9 +183,11 @@ class ScreenGrabber::Eye {
 
  private:
   void wait_for_news(const std::stop_token& stop);
+  bool has_news() const;
   void look_at_screen();
   void read_events();
   rig::HostTime drawn_at(Time server_time_ms) const;
+  bool is_ours(const XRectangle& drawn) const;  // not on another monitor alone
   void change(rig::HostTime when);
   void locate_output();
   bool read_gamma();  // true: it changed
@@ -287,6 +289,11 @@ rig::HostTime ScreenGrabber::Eye::drawn_at(Time server_time_ms) const {
   return std::min(now, rig::HostTime(now_ms - milliseconds(age_ms) + milliseconds(1)));
 }
 
+bool ScreenGrabber::Eye::is_ours(const XRectangle& drawn) const {
+  return drawn.x < area_.x_px + area_.width_px && drawn.x + drawn.width > area_.x_px &&
+         drawn.y < area_.y_px + area_.height_px && drawn.y + drawn.height > area_.y_px;
+}
+
 void ScreenGrabber::Eye::change(rig::HostTime when) {
   is_damaged_ = true;
   changed_at_ = std::max(changed_at_, when);
@@ -297,7 +304,8 @@ void ScreenGrabber::Eye::read_events() {
     XEvent event;
     XNextEvent(display_.get(), &event);
     if (event.type == damage_event_ + XDamageNotify) {
-      change(drawn_at(reinterpret_cast<const XDamageNotifyEvent&>(event).timestamp));
+      const auto& damage = reinterpret_cast<const XDamageNotifyEvent&>(event);
+      if (is_ours(damage.area)) change(drawn_at(damage.timestamp));
     } else if (event.type >= randr_event_) {
       XRRUpdateConfiguration(&event);
       is_moved_ = true;
@@ -368,7 +376,8 @@ void ScreenGrabber::Eye::report_levels() {
 }
 
 void ScreenGrabber::Eye::wait_for_news(const std::stop_token& stop) {
-  if (stop.stop_requested() || (!is_server_gone_ && XPending(display_.get()) > 0)) return;
+  if (stop.stop_requested() || has_news()) return;
+  if (!is_server_gone_ && XPending(display_.get()) > 0) return;
   if (is_server_gone_ && !is_end_told_) return;  // noticed since the last look, even just above
   rig::HostTime due = next_gamma_check_;
   if (is_server_gone_) due = rig::HostTime::max();
@@ -385,6 +394,9 @@ void ScreenGrabber::Eye::wait_for_news(const std::stop_token& stop) {
     look_at_square(std::max(latest_light_, rig::HostClock::now()));
 }
 
+// Known of, but not looked at yet.
+bool ScreenGrabber::Eye::has_news() const { return !is_server_gone_ && (is_moved_ || is_damaged_); }
+
 void ScreenGrabber::Eye::look_at_screen() {
   const rig::HostTime now = rig::HostClock::now();
   bool is_asked = false;
@@ -399,7 +411,7 @@ void ScreenGrabber::Eye::look_at_screen() {
     change(rig::HostClock::now());
   if (is_server_gone_ && !std::exchange(is_end_told_, true)) change(rig::HostClock::now());
   if (is_damaged_) grab();
-  if (!is_asked) return;
+  if (!is_asked || has_news()) return;
   {
     const std::lock_guard lock(seen_mutex_);
     seen_until_ = now;

@@ -58,8 +58,9 @@ Result<std::unique_ptr<ProjectorWindow>> ProjectorWindow::open(const ProjectorSe
   if (const Result<void> created = window->create(); !created)
     return tl::unexpected(created.error());
   const ServerWatch::Talk talk = window->talk();
-  if (const Result<void> prepared = window->prepare_drawing(); !prepared)
-    return tl::unexpected(prepared.error());
+  const Result<void> prepared = window->prepare_drawing();
+  if (window->is_server_gone()) return failure(Fault::kDeviceLost, window->server_loss());
+  if (!prepared) return tl::unexpected(prepared.error());
   window->report_.is_gamma_identity = window->make_gamma_identity(find_monitor(settings.monitor));
   window->measure_swaps(stop);
   if (window->is_server_gone()) return failure(Fault::kDeviceLost, window->server_loss());

@@ -37,7 +37,7 @@ void ServerWatch::run(const std::stop_token& stop) {
     const std::uint64_t count = answer_count_;
     if (is_talking_ && count == last_count) continue;
     last_count = count;
-    look = 0;
+    look = -1;  // the next one is the first again
   }
   has_ended_connection_ = true;
   shutdown(connection_, SHUT_RDWR);

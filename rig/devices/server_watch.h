@@ -1,5 +1,5 @@
-// An X server that stands still, or a graphics card below it: Xlib waits for either without end.
-// Internal to the projector.
+// An X server that stands still, or a graphics card below it: Xlib waits for either without end. A
+// wait within the driver, past the server, is none that can be ended. Internal to the projector.
 #pragma once
 
 #include <atomic>
