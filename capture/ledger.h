@@ -50,7 +50,8 @@ struct LedgerRules {
   std::chrono::microseconds gap{5000};               // between pulses, as the trigger box is set
   std::chrono::microseconds debounce{2000};          // edges so soon after another are bounces
   std::chrono::nanoseconds refresh_interval{16'666'667};
-  std::chrono::milliseconds frame_deadline{1000};  // from hearing of a pulse's end to its frame
+  // From hearing of a pulse's end, or the frame before, to its frame.
+  std::chrono::milliseconds frame_deadline{1000};
   // From asking for a picture to its edge, and from hearing of that, beyond their lengths, to its
   // pulses' ends.
   std::chrono::milliseconds edge_deadline{500};

@@ -97,17 +97,20 @@ Findings Ledger::check_latency(const Showing& showing) const {
 Findings Ledger::edge_ignored(const rig::EdgeIgnored& edge) {
   Showing* const showing = under_exposure();
   if (showing == nullptr) return {};
-  // Late flips can come all at once; then the count of edges is no longer that of flips.
-  if (without_edge() != nullptr)
-    return {about(*showing, Incident::kEdgeOutOfOrder,
-                  "the light changed " + in_us(edge.time - showing->edge->time) +
-                      " after the edge, and another flip was on its way")};
-  if (edge.time - showing->edge->time <= rules_.debounce) {
+  const nanoseconds since = edge.time - showing->edge->time;
+  const bool is_flip_due = without_edge() != nullptr;
+  // Flips are a refresh apart, however late.
+  if (since <= rules_.debounce && (!is_flip_due || since <= rules_.refresh_interval / 2)) {
     showing->is_level_gone = edge.is_light != showing->edge->is_light;
     return {};
   }
+  // One that the box did not answer: the count of edges is no longer that of flips.
+  if (is_flip_due)
+    return {about(
+        *showing, Incident::kEdgeOutOfOrder,
+        "the light changed " + in_us(since) + " after the edge, and another flip was on its way")};
   return {about(*showing, Incident::kEdgeDuringExposure,
-                "the light changed " + in_us(edge.time - showing->edge->time) + " after the edge")};
+                "the light changed " + in_us(since) + " after the edge")};
 }
 
 Findings Ledger::pulse_ended(const rig::PulseEnded& pulse, rig::HostTime now) {

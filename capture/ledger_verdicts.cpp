@@ -23,6 +23,11 @@ bool is_same_exposure(microseconds a, microseconds b) {
 
 void Ledger::frame_seen(const FrameFacts& facts, rig::HostTime now) {
   held_.push_back({facts, now + rules_.frame_deadline});
+  const std::uint64_t number = facts.pulse_number();
+  if (number == 0 || number > pulses_.size() || pulses_[number - 1].wait != Wait::kAwaited) return;
+  // Those after it may have waited for it in a slow link.
+  for (std::size_t later = number; later < pulses_.size(); ++later)
+    pulses_[later].frame_due = std::max(pulses_[later].frame_due, now + rules_.frame_deadline);
 }
 
 bool Ledger::is_decidable(const FrameFacts& facts) const {

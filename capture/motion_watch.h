@@ -27,6 +27,7 @@ namespace capture {
 // Where the camera sees the sync square, two showings of a pattern differ by it, unless it had the
 // same level at both. So a take shows the pattern that it repeats twice in a row at first, once
 // under each level (capture/take.h), and each repeat is compared with the one of its own level.
+// Where each bracket is a flip of its own and their number is even, a bracket has one level always.
 class MotionWatch {
  public:
   // `manifest` describes camera, projector and calibration, and has the pattern that is repeated.

@@ -151,6 +151,14 @@ Result<void> set_wrong_open(const Plan& plan, Resumption& resumption) {
   return {};
 }
 
+std::size_t good_bracket_count(const Resumption& resumption, int pattern) {
+  const std::size_t bracket_count = resumption.is_good.size() / resumption.manifest.patterns.size();
+  const auto first = resumption.is_good.begin() +
+                     static_cast<std::ptrdiff_t>(static_cast<std::size_t>(pattern) * bracket_count);
+  return static_cast<std::size_t>(
+      std::count(first, first + static_cast<std::ptrdiff_t>(bracket_count), true));
+}
+
 }  // namespace
 
 int Resumption::good_count() const {
@@ -169,14 +177,6 @@ Manifest Resumption::lacking() const {
   for (std::size_t i = 0; i < is_good.size(); ++i)
     if (!is_good[i]) rest.frames.push_back(manifest.frames[i]);
   return rest;
-}
-
-std::size_t good_bracket_count(const Resumption& resumption, int pattern) {
-  const std::size_t bracket_count = resumption.is_good.size() / resumption.manifest.patterns.size();
-  const auto first = resumption.is_good.begin() +
-                     static_cast<std::ptrdiff_t>(static_cast<std::size_t>(pattern) * bracket_count);
-  return static_cast<std::size_t>(
-      std::count(first, first + static_cast<std::ptrdiff_t>(bracket_count), true));
 }
 
 std::optional<int> Resumption::known_pattern(const Plan& plan) const {

@@ -48,7 +48,5 @@ estimation::Result<void> set_damaged_aside(const Resumption& resumption);
 
 // The frames of `pattern` from the disk, as the watch's first showing.
 estimation::Result<void> show_first(const Resumption& resumption, int pattern, MotionWatch& watch);
-// Its good brackets.
-std::size_t good_bracket_count(const Resumption& resumption, int pattern);
 
 }  // namespace capture

@@ -34,6 +34,9 @@
 //
 // Pace paced: the next picture is asked for a fixed number of refreshes after this one's swap,
 // enough for its exposures; edges, pulses and frames are checked behind. The priming waits as ever.
+// Where frames alone tell of edges they are handed on, besides, when the count of edges is proved
+// (Ledger::is_count_proved()); with more than a few that wait for that, no picture is asked for
+// until all flips on their way have been seen.
 //
 // Without a trigger box (LedgerRules::has_edge_per_bracket) each bracket of a pattern is a showing:
 // the same picture under a flipped square, one edge, one frame, which alone tells of the edge. All
@@ -183,11 +186,11 @@ struct SequenceState {
   std::uint32_t run_id = 0;  // of the latest arming
   std::uint64_t next_show_id = 1;
   std::uint64_t shown_show_id = 0;       // the newest that was answered
-  std::vector<KeepFrame> unconfirmed{};  // good, but of the newest picture that was shown
+  std::vector<KeepFrame> unconfirmed{};  // good, but not to be handed on yet
   bool is_square_light = false;
   std::uint64_t dark_show_id = 0;           // of black under a dark square, the latest picture
   std::optional<rig::HostTime> darkened{};  // when that was first shown, nothing else since
-  bool has_listened = false;                // in this run, see show_next()
+  bool has_listened = false;                // in this run, see listens()
   bool is_priming_retaken = false;          // in this run
   Outcome outcome = Outcome::kFailed;       // once Blackening or Ended
   std::optional<Failure> failure{};

@@ -26,7 +26,7 @@ void Turn::take(const AbortRequested&) {
   if (!is_over(state().phase)) end(Outcome::kAborted);
 }
 
-// Before the first run nothing was flipped, but where no level would show it, it is not relied on.
+// Before the first run nothing of this capture was flipped; of another's last flip the level tells.
 rig::HostTime Turn::settled_at() {
   const rig::HostTime settled = now_ + rules_.settle_time;
   if (state().run_id == 0 && !rules_.ledger.relies_on_swaps) return settled;
@@ -174,19 +174,7 @@ void Turn::judge_frames() {
       step_.actions.push_back(DropFrame{verdict.ticket});
   }
   confirm_anew();
-  if (findings.empty()) findings = look_at_unconfirmed();
   react(findings);
-}
-
-// Frames that stay late may be of flips that nobody saw.
-Findings Turn::look_at_unconfirmed() {
-  constexpr std::size_t kMostUnconfirmed = 8;
-  if (!rules_.ledger.has_edge_per_bracket || state().unconfirmed.size() <= kMostUnconfirmed)
-    return {};
-  const SlotId slot = state().unconfirmed.front().slot;
-  return {{Incident::kEdgeLate, slot.pattern, slot.bracket,
-           "frames come later after their exposures than before, " +
-               std::to_string(state().unconfirmed.size()) + " in a row"}};
 }
 
 void Turn::keep(const KeepFrame& frame) {

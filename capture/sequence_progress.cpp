@@ -14,6 +14,7 @@ constexpr milliseconds kBlackDeadline{500};
 // Frames of no more showings than that are on their way at a time.
 constexpr int kOpenShowingLimit = 2;
 constexpr int kPacedShowingLimit = 6;
+constexpr std::size_t kMostUnconfirmed = 8;  // frames, while later flips are on their way
 
 }  // namespace
 
@@ -83,6 +84,13 @@ bool Turn::listens() {
   return true;
 }
 
+// Frames that stay late are of a slow link, or of flips that nobody saw: once all that were asked
+// for have been seen, or one is missed, it is known (Ledger::is_count_proved()).
+bool Turn::must_drain() {
+  return is_paced() && rules_.ledger.has_edge_per_bracket &&
+         state().unconfirmed.size() > kMostUnconfirmed;
+}
+
 void Turn::show_next() {
   if (is_too_early()) return;
   state().phase = Collecting{};
@@ -98,7 +106,7 @@ void Turn::show_next() {
     if (state().unconfirmed.empty()) return end(Outcome::kComplete);
     confirm_last();
   } else if (!state().queue.empty()) {
-    if (open_count < (is_paced() ? kPacedShowingLimit : kOpenShowingLimit)) {
+    if (open_count < (is_paced() ? kPacedShowingLimit : kOpenShowingLimit) && !must_drain()) {
       const int pattern = state().queue.front();
       state().queue.pop_front();
       show(pattern, 0);

@@ -192,6 +192,8 @@ void Turn::restart() {
 
 void Turn::fail(const Finding& finding, std::optional<rig::Device> device, std::string text) {
   if (is_over(state().phase)) return;
+  discard_unconfirmed();
+  ledger().note(finding);
   Failure failure{finding.incident, device, {}, std::move(text)};
   for (const Slot& slot : ledger().slots())
     if (!slot.evidence && slot.last_incident) failure.slots.push_back(slot.id);

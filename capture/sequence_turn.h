@@ -56,7 +56,6 @@ class Turn {
   void take(const ReopenRefused& refused);
   void give_up(const Reopening& reopening);
   void judge_frames();
-  Findings look_at_unconfirmed();
   void keep(const KeepFrame& frame);
   bool is_confirmed(const KeepFrame& frame);
   bool is_counted(const KeepFrame& frame);
@@ -87,6 +86,7 @@ class Turn {
   std::chrono::nanoseconds pace();
   void fire();
   bool is_too_early();
+  bool must_drain();
   bool listens();
   void show_next();
   void confirm_last();

@@ -26,10 +26,12 @@ struct Take {
   const TakeEntry& entry(SlotId slot) const {
     return entries[static_cast<std::size_t>(slot.pattern)];
   }
-  int repeat_number(int position) const;  // 1, 2, ...
   int open_slot_count() const;
   // "pattern 17 bracket 1", "repeat 2 of pattern 0 bracket 1".
   std::string name_of(SlotId slot) const;
+
+ private:
+  int repeat_number(int position) const;  // 1, 2, ...
 };
 
 // The whole plan, the first pattern repeated at once, after every `repeat_every` showings and at

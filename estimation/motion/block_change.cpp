@@ -50,7 +50,7 @@ std::vector<std::optional<BlockChange>> block_changes(const std::vector<Alignmen
   return changes;
 }
 
-// PictureBlocks that changed by themselves, those that touch as one place.
+// Blocks that changed by themselves, those that touch as one place.
 std::vector<LocalChange> find_local_changes(const std::vector<std::optional<BlockChange>>& changes,
                                             const PictureBlocks& blocks, int bin_px) {
   std::vector<double> sizes;

@@ -12,7 +12,7 @@ double value(const Image<float>& image, int row, int col) {
 
 }  // namespace
 
-// PictureBlocks whose mean light is not far below the brightest ones'.
+// Blocks whose mean light is not far below the brightest ones'.
 PictureBlocks find_lit_blocks(const Picture& picture, int blocks_across, int smallest_side) {
   const int height = picture.light.height_px(), width = picture.light.width_px();
   PictureBlocks blocks;

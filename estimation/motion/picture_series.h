@@ -23,8 +23,7 @@ struct BracketPictures {
   std::vector<Entry> shown;
 };
 
-// Places that are lit and clipped in no frame, as
-// [frame][place] DN above black.
+// Places that are lit, and clipped in no frame: [frame][place] DN above black.
 struct LitTable {
   std::vector<std::size_t> places;
   std::vector<std::vector<float>> light_dn;

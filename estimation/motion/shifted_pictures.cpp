@@ -143,12 +143,13 @@ class ShiftCheck {
     check_.judged_count = series_.frames.size();
     while (find_worst()) {
     }
-    if (check_.judged_count > 0) check_blind();
+    if (!is_refused_) check_blind();
     return std::move(check_);
   }
 
  private:
   GroupCheck refuse(const std::string& why) {
+    is_refused_ = true;
     GroupCheck refused;
     refused.wrong = check_.wrong;
     for (const std::size_t frame : series_.frames) refused.unchecked.emplace_back(frame, why);
@@ -274,6 +275,7 @@ class ShiftCheck {
   std::map<int, double> phases_rad_;  // by pattern, of all
   Deviations last_;
   GroupCheck check_;
+  bool is_refused_ = false;
 };
 
 }  // namespace

@@ -226,9 +226,10 @@ std::optional<int> SimCamera::resend_rounds(const ShotFaults& faults,
 
 void SimCamera::send(const Shot& shot, std::vector<std::byte> pixels) {
   const auto rounds = resend_rounds(shot.faults, pixels.size());
-  const rig::HostTime arrival = shot.job.end() + timing_.readout + timing_.transfer +
-                                shot.faults.delay +
-                                rounds.value_or(kResendRoundLimit) * kResendRound;
+  // One frame after the other; what is late by a fault does not hold up the next.
+  link_free_ = std::max(link_free_, shot.job.end() + timing_.readout) + timing_.transfer;
+  const rig::HostTime arrival =
+      link_free_ + shot.faults.delay + rounds.value_or(kResendRoundLimit) * kResendRound;
   if (shot.faults.is_duplicated) {
     if (auto copy = pool_->take()) {
       *copy = pixels;

@@ -108,6 +108,7 @@ class SimCamera final : public rig::Camera {
   std::shared_ptr<FramePool> pool_;
   bool is_armed_ = false;
   bool is_lost_ = false;
+  rig::HostTime link_free_{};        // when the frames sent so far are at the host
   std::uint64_t arming_number_ = 0;  // exposures of earlier armings are discarded
   std::uint64_t block_id_ = 0;       // of this arming
   std::uint64_t cable_number_ = 0;   // how often the cable was pulled or plugged in

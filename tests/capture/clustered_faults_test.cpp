@@ -2,6 +2,7 @@
 // and wrong, and a draw of others.
 #include "tests/capture/clustered_faults.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 namespace capture {
@@ -148,6 +149,36 @@ TEST(PacedFlips, WhoseFramesStayLateEndComplete) {
     const Trial trial = try_cluster(cluster);
     expect_promise(trial);
     EXPECT_EQ(trial.outcome, Outcome::kComplete);
+  }
+}
+
+// Frames of such a link queue up, later by the frame, and restart nothing.
+TEST(PacedFlips, OutrunASlowLinkWithoutHarm) {
+  for (const auto sync : {rig::SyncMode::kTriggerBox, rig::SyncMode::kCameraLine})
+    for (const int transfer_ms : {34, 69, 110, 160}) {
+      SCOPED_TRACE(testing::Message() << static_cast<int>(sync) << ", " << transfer_ms << " ms");
+      Cluster cluster = cluster_on(sync, 8, 33);
+      cluster.rig_file.sequence.pace = rig::Pace::kPaced;
+      cluster.camera.transfer = milliseconds(transfer_ms);
+      const Trial trial = try_cluster(cluster);
+      expect_promise(trial);
+      EXPECT_EQ(trial.outcome, Outcome::kComplete) << trial.text;
+      EXPECT_THAT(trial.done, testing::IsEmpty());
+    }
+}
+
+// A photodiode that chatters at edges, while the next flip is in the display.
+TEST(PacedFlips, MayBounce) {
+  for (int lag = 0; lag <= 3; ++lag) {
+    SCOPED_TRACE(lag);
+    Cluster cluster = cluster_on(rig::SyncMode::kTriggerBox, 4, 6);
+    cluster.rig_file.sequence.pace = rig::Pace::kPaced;
+    cluster.display.input_lag_refreshes = lag;
+    cluster.faults.faults.push_back(fault_at(kEdgeBounced, 20, 0, 40));
+    const Trial trial = try_cluster(cluster);
+    expect_promise(trial);
+    EXPECT_EQ(trial.outcome, Outcome::kComplete) << trial.text;
+    EXPECT_THAT(trial.done, testing::IsEmpty());
   }
 }
 
