@@ -50,7 +50,10 @@ rig::CameraClock::time_point CameraOscillator::at(rig::HostTime time) const {
 
 CameraModel::CameraModel(const DeviceDescription& description, std::chrono::microseconds readout,
                          CameraOscillator oscillator)
-    : registers_(description), oscillator_(oscillator) {
+    : registers_(description),
+      oscillator_(oscillator),
+      balance_ratios_(description.variant.balance_ratios),
+      gain_step_db_(description.variant.gain_step_db) {
   engine_.readout = readout;
 }
 
@@ -131,6 +134,7 @@ void CameraModel::refresh() {
   const std::uint32_t counter_number = registers_.get(kCounterSelector);
   const auto low_word = [](std::uint64_t value) { return static_cast<std::uint32_t>(value); };
   registers_.set(kChunkEnable, is_chunk_enabled_[chunk] ? 1 : 0);
+  registers_.set_float(kBalanceRatio, balance_ratios_[registers_.get(kBalanceRatioSelector)]);
   registers_.set(kCounterEventSource, counter_number);
   registers_.set(kCounterValue, low_word(counter(static_cast<Counter>(counter_number))));
   registers_.set(kTriggerMissedCount, low_word(counter(Counter::kMissedTriggers)));
@@ -193,6 +197,11 @@ void CameraModel::apply(std::uint32_t address, rig::HostTime now) {
     case kChunkEnable:
       is_chunk_enabled_[registers_.get(kChunkSelector)] = registers_.get(kChunkEnable) != 0;
       return;
+    case kGain:
+      return step_gain();
+    case kBalanceRatio:
+      balance_ratios_[registers_.get(kBalanceRatioSelector)] = registers_.get_float(kBalanceRatio);
+      return;
     case kSequencerSetSave:
       return save_set();
     case kSequencerSetLoad:
@@ -209,6 +218,13 @@ void CameraModel::apply(std::uint32_t address, rig::HostTime now) {
     default:
       return;
   }
+}
+
+void CameraModel::step_gain() {
+  if (gain_step_db_ <= 0) return;
+  const double wanted_db{registers_.get_float(kGain)};
+  registers_.set_float(kGain,
+                       static_cast<float>(std::floor(wanted_db / gain_step_db_) * gain_step_db_));
 }
 
 void CameraModel::start_acquisition() {
@@ -260,7 +276,7 @@ void CameraModel::load_set() {
 std::optional<Shot> CameraModel::shoot(rig::HostTime start, std::chrono::microseconds width) {
   if (!is_acquiring_ || registers_.get(kTriggerMode) == 0) return std::nullopt;
   const std::optional<ExposureJob> job =
-      engine_.trigger(start + to_microseconds(registers_.get_float(kTriggerDelay)), width);
+      engine_.trigger(start + to_microseconds(registers_.get_time_us(kTriggerDelay)), width);
   if (!job) return std::nullopt;
   return Shot{*job, acquisition_number_};
 }

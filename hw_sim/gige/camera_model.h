@@ -67,6 +67,7 @@ class CameraModel {
   const ExposureEngine& engine() const { return engine_; }
   // Exposures of one round of the sequencer; 1 without.
   int bracket_count() const;
+  float balance_ratio(std::size_t colour) const { return balance_ratios_[colour]; }
   void slip_sequencer() { engine_.slip(); }
   void jump_clock(std::chrono::nanoseconds step) { oscillator_.offset += step; }
 
@@ -81,6 +82,7 @@ class CameraModel {
   void refresh();  // registers that show state
   GvcpStatus check_state(std::uint32_t address, std::uint32_t value) const;
   void apply(std::uint32_t address, rig::HostTime now);
+  void step_gain();
   void start_acquisition();
   void save_set();
   void load_set();
@@ -99,6 +101,8 @@ class CameraModel {
   std::array<SavedSet, ExposureEngine::kSetCount> saved_sets_;
   std::array<bool, kChunkCount> is_chunk_enabled_{true};  // the image always is
   std::array<std::uint64_t, kCounterCount> counter_base_{};
+  std::array<float, kColourCount> balance_ratios_;
+  double gain_step_db_;
   bool is_acquiring_ = false;
   std::uint64_t acquisition_number_ = 0;
   std::uint64_t last_block_id_ = 0;

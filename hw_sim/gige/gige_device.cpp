@@ -69,6 +69,7 @@ class GigeDevice::Impl {
   GigeDeviceCounters counters() const;
   float line_debounce_us() const;
   float gain_db() const;
+  float balance_ratio(std::size_t colour) const;
 
   GigeFaults faults;
 
@@ -143,7 +144,7 @@ GigeDevice::Impl::Impl(const GigeDeviceOptions& options, const World& world,
               .has_any_edge = options.has_any_edge,
               .has_debouncer = options.has_debouncer,
               .has_line_status = options.has_line_status,
-              .gain_db = options.gain_db},
+              .variant = options.variant},
              options.readout,
              {.power_up = rig::HostClock::now(),
               .offset = options.clock_offset,
@@ -250,9 +251,14 @@ float GigeDevice::Impl::gain_db() const {
   return model_.registers().get_float(kGain);
 }
 
+float GigeDevice::Impl::balance_ratio(std::size_t colour) const {
+  const std::lock_guard lock(mutex_);
+  return model_.balance_ratio(colour);
+}
+
 float GigeDevice::Impl::line_debounce_us() const {
   const std::lock_guard lock(mutex_);
-  return model_.registers().get_float(kLineDebouncerTime);
+  return model_.registers().get_time_us(kLineDebouncerTime);
 }
 
 void GigeDevice::Impl::run_control(const std::stop_token& stop) {
@@ -535,5 +541,6 @@ GigeDeviceCounters GigeDevice::counters() const { return impl_->counters(); }
 float GigeDevice::line_debounce_us() const { return impl_->line_debounce_us(); }
 
 float GigeDevice::gain_db() const { return impl_->gain_db(); }
+float GigeDevice::balance_ratio(std::size_t colour) const { return impl_->balance_ratio(colour); }
 
 }  // namespace hw_sim

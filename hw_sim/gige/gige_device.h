@@ -3,12 +3,14 @@
 #pragma once
 
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "hw_sim/faults/fault_schedule.h"
+#include "hw_sim/gige/camera_variant.h"
 #include "hw_sim/gige/faults.h"
 #include "hw_sim/light.h"
 #include "hw_sim/world.h"
@@ -35,7 +37,7 @@ struct GigeDeviceOptions {
   bool has_any_edge = true;     // TriggerActivation AnyEdge
   bool has_debouncer = true;    // LineDebouncerTime
   bool has_line_status = true;  // chunk LineStatusAll
-  float gain_db = 0;            // at power-up
+  CameraVariant variant;
 };
 
 struct GigeDeviceCounters {
@@ -71,6 +73,7 @@ class GigeDevice {
   GigeDeviceCounters counters() const;
   float line_debounce_us() const;  // LineDebouncerTime, as it was written
   float gain_db() const;
+  float balance_ratio(std::size_t colour) const;  // of red, green, blue
 
  private:
   class Impl;

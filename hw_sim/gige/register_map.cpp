@@ -110,6 +110,16 @@ Entries chunk_entries(const DeviceDescription& description) {
   return entries;
 }
 
+Register time_us(std::uint32_t address, std::string_view name, std::string_view category,
+                 std::int64_t max, bool is_integer) {
+  return {.address = address,
+          .name = name,
+          .kind = is_integer ? Kind::kInteger : Kind::kFloat,
+          .category = category,
+          .max = max,
+          .unit = "us"};
+}
+
 Register locked(Register row) {
   row.is_locked_while_acquiring = true;
   return row;
@@ -194,12 +204,8 @@ std::vector<Register> imaging_registers(const DeviceDescription& description) {
       enumeration(kTriggerActivation, "TriggerActivation", "AcquisitionControl",
                   activation_entries(description)),
       command(kTriggerSoftware, "TriggerSoftware", "AcquisitionControl"),
-      {.address = kTriggerDelay,
-       .name = "TriggerDelay",
-       .kind = Kind::kFloat,
-       .category = "AcquisitionControl",
-       .max = 1'000'000,
-       .unit = "us"},
+      time_us(kTriggerDelay, "TriggerDelay", "AcquisitionControl", 1'000'000,
+              description.variant.has_integer_times),
       readable(kTriggerMissedCount, "TriggerMissedCount", "AcquisitionControl"),
       enumeration(kExposureMode, "ExposureMode", "AcquisitionControl",
                   {{"Timed", value_of(ExposureMode::kTimed)},
@@ -224,6 +230,15 @@ std::vector<Register> imaging_registers(const DeviceDescription& description) {
        .category = "AnalogControl",
        .max = 4095,
        .unit = "DN"},
+      enumeration(kBalanceWhiteAuto, "BalanceWhiteAuto", "AnalogControl",
+                  {{"Off", 0}, {"Continuous", 1}}),
+      enumeration(kBalanceRatioSelector, "BalanceRatioSelector", "AnalogControl",
+                  {{"Red", 0}, {"Green", 1}, {"Blue", 2}}, {"BalanceRatio"}),
+      {.address = kBalanceRatio,
+       .name = "BalanceRatio",
+       .kind = Kind::kFloat,
+       .category = "AnalogControl",
+       .max = 16},
   };
 }
 
@@ -280,23 +295,20 @@ std::vector<Register> sequencer_and_data_registers(const DeviceDescription& desc
 
 std::vector<Register> line_registers(const DeviceDescription& description) {
   // Of Line1 alone: nothing is ever plugged into Line0.
-  std::vector<Register> rows{
-      enumeration(kLineSelector, "LineSelector", "DigitalIOControl",
-                  {{"Line0", value_of(Line::kLine0)}, {"Line1", value_of(Line::kLine1)}},
-                  {"LineInverter"}),
-      {.address = kLineInverter,
-       .name = "LineInverter",
-       .kind = Kind::kBoolean,
-       .category = "DigitalIOControl",
-       .max = 1}};
-  if (!description.has_debouncer) return rows;
-  rows.front().selected.emplace_back("LineDebouncerTime");
-  rows.push_back({.address = kLineDebouncerTime,
-                  .name = "LineDebouncerTime",
-                  .kind = Kind::kFloat,
-                  .category = "DigitalIOControl",
-                  .max = 20'000,
-                  .unit = "us"});
+  std::vector<Register> rows{{.address = kLineInverter,
+                              .name = "LineInverter",
+                              .kind = Kind::kBoolean,
+                              .category = "DigitalIOControl",
+                              .max = 1}};
+  if (description.has_debouncer)
+    rows.push_back(time_us(kLineDebouncerTime, "LineDebouncerTime", "DigitalIOControl", 20'000,
+                           description.variant.has_integer_times));
+  if (!description.variant.has_line_selector) return rows;
+  std::vector<std::string_view> selected;
+  for (const Register& row : rows) selected.push_back(row.name);
+  rows.push_back(enumeration(kLineSelector, "LineSelector", "DigitalIOControl",
+                             {{"Line0", value_of(Line::kLine0)}, {"Line1", value_of(Line::kLine1)}},
+                             std::move(selected)));
   return rows;
 }
 
@@ -305,6 +317,13 @@ std::vector<Register> make_table(const DeviceDescription& description) {
   for (auto&& rows : {imaging_registers(description), sequencer_and_data_registers(description),
                       line_registers(description)})
     table.insert(table.end(), rows.begin(), rows.end());
+  const auto is_among = [](const std::vector<std::string>& names, const Register& row) {
+    return std::find(names.begin(), names.end(), row.name) != names.end();
+  };
+  for (Register& row : table) {
+    if (is_among(description.variant.fixed_features, row)) row.access = Access::kReadOnly;
+    row.is_refused = is_among(description.variant.refused_features, row);
+  }
   return table;
 }
 
@@ -365,9 +384,9 @@ RegisterMap::RegisterMap(const DeviceDescription& description)
   if (const auto format = find_pixel_format(std::string_view(description.pixel_formats.front())))
     set(kPixelFormat, format->code);
   set_float(kExposureTime, 10'000);
-  set_float(kGain, description.gain_db);
-  set_float(kTriggerDelay, kLeftTriggerDelay_us);
-  set(kLineInverter, 1);
+  set_float(kGain, description.variant.gain_db);
+  if (is_writable(kTriggerDelay)) set_time_us(kTriggerDelay, kLeftTriggerDelay_us);
+  if (is_writable(kLineInverter)) set(kLineInverter, 1);
   set(kChunkEnable, 1);  // ChunkSelector stands at Image, which is always on
 }
 
@@ -385,6 +404,18 @@ void RegisterMap::set_float(std::uint32_t address, float value) {
   set(address, std::bit_cast<std::uint32_t>(value));
 }
 
+float RegisterMap::get_time_us(std::uint32_t address) const {
+  const Register* row = find(address);
+  return row != nullptr && row->kind == Kind::kInteger ? static_cast<float>(get(address))
+                                                       : get_float(address);
+}
+void RegisterMap::set_time_us(std::uint32_t address, float time_us) {
+  if (find(address)->kind == Kind::kInteger)
+    set(address, static_cast<std::uint32_t>(time_us));
+  else
+    set_float(address, time_us);
+}
+
 void RegisterMap::set_text(std::uint32_t address, std::string_view text_value) {
   const std::size_t room = find(address)->length_bytes - 1;  // the terminating zero stays
   std::copy_n(text_value.begin(), std::min(room, text_value.size()), &memory_[address]);
@@ -396,10 +427,17 @@ const Register* RegisterMap::find(std::uint32_t address) const {
   return nullptr;
 }
 
+bool RegisterMap::is_writable(std::uint32_t address) const {
+  const Register* row = find(address);
+  return row != nullptr && row->access != Access::kReadOnly;
+}
+
 bool RegisterMap::is_readable(std::uint32_t address) const {
   if (address >= kXmlStart) return address - kXmlStart < xml_.size();
   // Discovery reads the bootstrap block in one piece, its reserved words included.
-  return address < kXmlUrl || find(address) != nullptr;
+  if (address < kXmlUrl) return true;
+  const Register* row = find(address);
+  return row != nullptr && !row->is_refused;
 }
 
 GvcpStatus RegisterMap::read(std::uint32_t address, std::span<std::uint8_t> bytes) const {

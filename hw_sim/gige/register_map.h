@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "hw_sim/gige/camera_variant.h"
 #include "hw_sim/gige/gvcp.h"
 
 namespace hw_sim {
@@ -93,6 +94,9 @@ enum RegisterAddress : std::uint32_t {
   kLineSelector = 0xA0B0,
   kLineDebouncerTime = 0xA0B4,
   kLineInverter = 0xA0B8,
+  kBalanceWhiteAuto = 0xA0C0,
+  kBalanceRatioSelector = 0xA0C4,
+  kBalanceRatio = 0xA0C8,
 
   kXmlStart = 0x10000
 };
@@ -148,6 +152,7 @@ struct Register {
   std::vector<std::pair<std::string, std::uint32_t>> entries = {};  // of an enumeration
   std::vector<std::string_view> selected = {};                      // features this one selects
   bool is_locked_while_acquiring = false;
+  bool is_refused = false;  // no client can read it
 };
 
 struct DeviceDescription {
@@ -159,7 +164,7 @@ struct DeviceDescription {
   bool has_any_edge = true;                // TriggerActivation; else RisingEdge alone
   bool has_debouncer = true;               // LineDebouncerTime
   bool has_line_status = true;             // chunk LineStatusAll
-  float gain_db = 0;                       // at power-up
+  CameraVariant variant = {};
 };
 
 // Memory and its rules; what a write sets in motion is camera_model.h. Not thread-safe.
@@ -172,6 +177,9 @@ class RegisterMap {
   void set64(std::uint32_t address, std::uint64_t value);
   float get_float(std::uint32_t address) const;
   void set_float(std::uint32_t address, float value);
+  // A float or an integer, as the table says.
+  float get_time_us(std::uint32_t address) const;
+  void set_time_us(std::uint32_t address, float time_us);
 
   // As a client reads: words that no register covers are an error.
   GvcpStatus read(std::uint32_t address, std::span<std::uint8_t> bytes) const;
@@ -182,6 +190,7 @@ class RegisterMap {
 
  private:
   const Register* find(std::uint32_t address) const;
+  bool is_writable(std::uint32_t address) const;
   bool is_readable(std::uint32_t address) const;
   void set_text(std::uint32_t address, std::string_view text);
 

@@ -6,7 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
-#include <utility>
+#include <variant>
 #include <vector>
 
 #include "rig/camera.h"
@@ -14,11 +14,19 @@
 
 namespace rig {
 
+// A feature as it was: a number, or else its text. Under that entry of a selector, if there is one.
+struct FeatureState {
+  std::string selector;
+  std::string entry;
+  std::string name;
+  std::variant<double, std::string> value;
+};
+using CameraLook = std::vector<FeatureState>;
+
 // A camera that was open, so that it can be opened as the same and set as it was.
 struct CameraPast {
   CameraIdentity identity;
-  // What the rig file does not say: gain, black level, binning ...; features and values.
-  std::vector<std::pair<std::string, std::string>> look;
+  CameraLook look;  // what the rig file does not say: gain, black level, binning ...
 };
 
 // Calls as in Camera: from the thread that runs the session. Starts one thread while armed, which

@@ -4,7 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
+#include <iomanip>
+#include <sstream>
 
 namespace rig {
 namespace {
@@ -33,24 +34,27 @@ Fault fault_of(const GError& error) {
   }
 }
 
-template <typename T>
-std::string shown(const T& value) {
-  if constexpr (std::is_same_v<T, std::string>)
-    return value;
-  else if constexpr (std::is_same_v<T, bool>)
-    return value ? "true" : "false";
-  else
-    return std::to_string(value);
-}
-
-template <typename T>
-Result<void> not_taken(const std::string& name, const T& wanted, const T& got) {
+Result<void> not_taken(const std::string& name, const FeatureValue& wanted,
+                       const FeatureValue& got) {
   return failure(Fault::kReadBackMismatch, "camera feature " + name + " was set to " +
                                                shown(wanted) + " but reads " + shown(got) +
                                                "; choose a value that the camera takes");
 }
 
+// Of a whole number, exact up to 2^53: more than any feature that is set here.
+double as_number(std::int64_t value) { return static_cast<double>(value); }
+
+const char* flag_text(bool value) { return value ? "true" : "false"; }
+
 }  // namespace
+
+std::string shown(const FeatureValue& value) {
+  if (const auto* text = std::get_if<std::string>(&value)) return *text;
+  constexpr int kDigits = 9;  // a float's own
+  std::ostringstream digits;
+  digits << std::setprecision(kDigits) << std::get<double>(value);
+  return digits.str();
+}
 
 Result<void> take_error(GError** error, const std::string& what) {
   if (*error == nullptr) return {};
@@ -63,9 +67,11 @@ bool AravisFeatures::has(const std::string& name) const {
   ArvDevice* device = arv_camera_get_device(camera_);
   if (arv_device_get_feature(device, name.c_str()) == nullptr) return false;
   GError* error = nullptr;
-  const bool is_available = arv_device_is_feature_available(device, name.c_str(), &error) != 0;
+  const bool is_there = arv_device_is_feature_implemented(device, name.c_str(), &error) != 0 &&
+                        error == nullptr &&
+                        arv_device_is_feature_available(device, name.c_str(), &error) != 0;
   take_silence(&error, name);
-  return is_available;
+  return is_there;
 }
 
 // Any other error is a feature that cannot be had now.
@@ -115,7 +121,20 @@ Result<std::int64_t> AravisFeatures::integer(const std::string& name) const {
   return value;
 }
 
+// Enumerations and flags are integers too, to Aravis.
+bool AravisFeatures::is_integer(const std::string& name) const {
+  ArvGcNode* const node = arv_device_get_feature(arv_camera_get_device(camera_), name.c_str());
+  return ARV_IS_GC_INTEGER(node) && !ARV_IS_GC_FLOAT(node) && !ARV_IS_GC_ENUMERATION(node) &&
+         !ARV_IS_GC_BOOLEAN(node);
+}
+
+bool AravisFeatures::is_number(const std::string& name) const {
+  ArvGcNode* const node = arv_device_get_feature(arv_camera_get_device(camera_), name.c_str());
+  return is_integer(name) || ARV_IS_GC_FLOAT(node);
+}
+
 Result<double> AravisFeatures::number(const std::string& name) const {
+  if (is_integer(name)) return integer(name).map(as_number);
   if (auto found = require(name); !found) return tl::unexpected(found.error());
   GError* error = nullptr;
   const double value = arv_camera_get_float(camera_, name.c_str(), &error);
@@ -124,6 +143,10 @@ Result<double> AravisFeatures::number(const std::string& name) const {
 }
 
 Result<std::pair<double, double>> AravisFeatures::number_bounds(const std::string& name) const {
+  if (is_integer(name))
+    return integer_bounds(name).map([](const auto& bounds) {
+      return std::pair(as_number(bounds.first), as_number(bounds.second));
+    });
   if (auto found = require(name); !found) return tl::unexpected(found.error());
   GError* error = nullptr;
   std::pair<double, double> bounds;
@@ -145,23 +168,28 @@ Result<std::pair<std::int64_t, std::int64_t>> AravisFeatures::integer_bounds(
   return std::pair<std::int64_t, std::int64_t>(least, greatest);
 }
 
-Result<std::string> AravisFeatures::value(const std::string& name) const {
+Result<FeatureValue> AravisFeatures::value(const std::string& name) const {
+  if (is_number(name)) return number(name).map([](double number) { return FeatureValue(number); });
   if (auto found = require(name); !found) return tl::unexpected(found.error());
   ArvGcNode* const node = arv_device_get_feature(arv_camera_get_device(camera_), name.c_str());
   GError* error = nullptr;
   const char* value = arv_gc_feature_node_get_value_as_string(ARV_GC_FEATURE_NODE(node), &error);
   if (auto read = take_error(&error, "reading " + name); !read) return tl::unexpected(read.error());
-  return std::string(value == nullptr ? "" : value);
+  return FeatureValue(value == nullptr ? "" : value);
 }
 
-Result<void> AravisFeatures::set_value(const std::string& name, const std::string& value) const {
+Result<void> AravisFeatures::set_value(const std::string& name, const FeatureValue& value,
+                                       double tolerance) const {
+  if (const double* number = std::get_if<double>(&value))
+    return set_number(name, *number, tolerance);
   if (auto found = require(name); !found) return found;
+  const std::string text = std::get<std::string>(value);
   ArvGcNode* const node = arv_device_get_feature(arv_camera_get_device(camera_), name.c_str());
   GError* error = nullptr;
-  arv_gc_feature_node_set_value_from_string(ARV_GC_FEATURE_NODE(node), value.c_str(), &error);
-  if (auto written = take_error(&error, "setting " + name + " to " + value); !written)
+  arv_gc_feature_node_set_value_from_string(ARV_GC_FEATURE_NODE(node), text.c_str(), &error);
+  if (auto written = take_error(&error, "setting " + name + " to " + text); !written)
     return written;
-  const Result<std::string> got = this->value(name);
+  const Result<FeatureValue> got = this->value(name);
   if (!got) return tl::unexpected(got.error());
   return *got == value ? Result<void>{} : not_taken(name, value, *got);
 }
@@ -186,7 +214,7 @@ Result<void> AravisFeatures::set_integer(const std::string& name, std::int64_t v
     return written;
   const Result<std::int64_t> got = integer(name);
   if (!got) return tl::unexpected(got.error());
-  return *got == value ? Result<void>{} : not_taken(name, value, *got);
+  return *got == value ? Result<void>{} : not_taken(name, as_number(value), as_number(*got));
 }
 
 Result<void> AravisFeatures::set_flag(const std::string& name, bool value) const {
@@ -196,14 +224,17 @@ Result<void> AravisFeatures::set_flag(const std::string& name, bool value) const
   if (auto written = take_error(&error, "setting " + name); !written) return written;
   const bool got = arv_camera_get_boolean(camera_, name.c_str(), &error) != FALSE;
   if (auto read = take_error(&error, "reading " + name); !read) return read;
-  return got == value ? Result<void>{} : not_taken(name, value, got);
+  return got == value ? Result<void>{} : not_taken(name, flag_text(value), flag_text(got));
 }
 
 Result<void> AravisFeatures::set_number(const std::string& name, double value,
                                         double tolerance) const {
   if (auto found = require(name); !found) return found;
   GError* error = nullptr;
-  arv_camera_set_float(camera_, name.c_str(), value, &error);
+  if (is_integer(name))
+    arv_camera_set_integer(camera_, name.c_str(), std::llround(value), &error);
+  else
+    arv_camera_set_float(camera_, name.c_str(), value, &error);
   if (auto written = take_error(&error, "setting " + name + " to " + std::to_string(value));
       !written)
     return written;
@@ -227,8 +258,15 @@ Result<void> AravisFeatures::set_text_if_present(const std::string& name,
 Result<void> AravisFeatures::keep_text(const std::string& name, const std::string& value) const {
   if (!has_entry(name, value)) return {};
   const Result<std::string> present = text(name);
+  if (!present && present.error().fault == Fault::kDeviceLost)
+    return tl::unexpected(present.error());
+  return !present || *present == value ? Result<void>{} : set_text(name, value);
+}
+
+Result<void> AravisFeatures::keep_flag(const std::string& name, bool value) const {
+  const Result<FeatureValue> present = this->value(name);
   if (!present) return tl::unexpected(present.error());
-  return *present == value ? Result<void>{} : set_text(name, value);
+  return *present == FeatureValue(flag_text(value)) ? Result<void>{} : set_flag(name, value);
 }
 
 bool AravisFeatures::set_entry_if_present(const std::string& name, const std::string& value) const {

@@ -3,21 +3,25 @@
 // Internal to the Aravis adapter.
 #pragma once
 
+#include <optional>
 #include <string>
-#include <utility>
-#include <vector>
 
+#include "rig/devices/aravis_camera.h"
 #include "rig/devices/aravis_features.h"
 
 namespace rig {
 
-// Names of features and their values, as text.
-using CameraLook = std::vector<std::pair<std::string, std::string>>;
-
-// Those that this camera has. Errors: those of AravisFeatures.
+// What this camera tells, under each entry of the selectors. Errors: kDeviceLost.
 Result<CameraLook> read_look(const AravisFeatures& features);
 
-// Writes what differs, and reads it back.
-Result<void> restore_look(const AravisFeatures& features, const CameraLook& look);
+// Both write what differs, as far as the camera takes it: look_difference() of what it then tells
+// is the judge. Errors: kDeviceLost.
+// Binning and mirroring: the formats and regions that can be had depend on them.
+Result<void> restore_shape(const AravisFeatures& features, const CameraLook& was);
+// Gains, black levels ...: in units of the pixel format.
+Result<void> restore_levels(const AravisFeatures& features, const CameraLook& was);
+
+// "Gain under GainSelector Red is 0 and was 7.39815", of the first that differs.
+std::optional<std::string> look_difference(const CameraLook& was, const CameraLook& is);
 
 }  // namespace rig

@@ -63,8 +63,9 @@ class Setting {
     const Result<void> done =
         in_order([&] { return check_controller(); }, [&] { return read_identity(); },
                  [&] { return stop_whatever_runs(); },
-                 [&] { return past_ ? restore_look(features_, past_->look) : Result<void>{}; },
+                 [&] { return past_ ? restore_shape(features_, past_->look) : Result<void>{}; },
                  [&] { return set_pixel_format(); }, [&] { return set_region(); },
+                 [&] { return past_ ? restore_levels(features_, past_->look) : Result<void>{}; },
                  [&] { return set_packet_size(); }, [&] { return set_chunks(); },
                  [&] { return set_trigger(features_, settings_, setup_); },
                  [&] { return take_look(); }, [&] { return features_.answered(); });
@@ -233,9 +234,12 @@ Result<void> Setting::take_look() {
   Result<CameraLook> look = read_look(features_);
   if (!look) return tl::unexpected(look.error());
   setup_.look = std::move(*look);
-  if (!past_ || setup_.look == past_->look) return {};
+  if (!past_) return {};
+  const std::optional<std::string> difference = look_difference(past_->look, setup_.look);
+  if (!difference) return {};
   return failure(Fault::kReadBackMismatch,
-                 name_of(settings_) + " cannot be set as it was before it was lost; start anew");
+                 name_of(settings_) + " came back changed and does not take what it had: " +
+                     *difference + "; set that with its maker's program, or start anew with it");
 }
 
 }  // namespace

@@ -30,6 +30,7 @@ class TriggerSetting {
   Result<void> set_least(const std::string& name);
   Result<void> set_no_delay();
   Result<void> set_line_upright();
+  bool is_line_told() const;
   void note_missing_level();
   Result<void> set_no_debounce();
   Result<void> set_line_debounce();
@@ -79,22 +80,36 @@ Result<void> TriggerSetting::set_no_delay() {
   return {};
 }
 
-// A number of us.
+// A number of us; it is zero already where it may not be written.
 Result<void> TriggerSetting::set_least(const std::string& name) {
-  const auto bounds = features_.number_bounds(name);
-  if (!bounds) return tl::unexpected(bounds.error());
+  if (!features_.is_number(name)) return {};
   const Result<double> present_us = features_.number(name);
   if (!present_us) return tl::unexpected(present_us.error());
-  if (*present_us <= bounds->first + kDelayRounding_us) return {};
-  return features_.set_number(name, bounds->first, kDelayRounding_us);
+  if (*present_us <= kDelayRounding_us) return {};
+  const auto bounds = features_.number_bounds(name);
+  if (!bounds) return tl::unexpected(bounds.error());
+  const double least_us = std::max(bounds->first, 0.0);
+  if (*present_us <= least_us + kDelayRounding_us) return {};
+  return features_.set_number(name, least_us, kDelayRounding_us);
 }
 
 // An inverter that another program has left on makes the pulse's end the trigger, and turns what
 // the frames tell of the line's level.
 Result<void> TriggerSetting::set_line_upright() {
-  if (!features_.has_entry("LineSelector", settings_.trigger_line)) return {};
-  if (auto set = features_.set_text("LineSelector", settings_.trigger_line); !set) return set;
-  return features_.has("LineInverter") ? features_.set_flag("LineInverter", false) : Result<void>{};
+  if (!is_line_told()) return {};
+  return in_order([&] { return features_.keep_text("LineSelector", settings_.trigger_line); },
+                  [&] {
+                    return features_.has("LineInverter")
+                               ? features_.keep_flag("LineInverter", false)
+                               : Result<void>{};
+                  });
+}
+
+// A camera without LineSelector has one line.
+bool TriggerSetting::is_line_told() const {
+  return settings_.trigger_line != kSoftwareTrigger &&
+         (!features_.has("LineSelector") ||
+          features_.has_entry("LineSelector", settings_.trigger_line));
 }
 
 // A photodiode on the line makes an edge of either kind in turn, so the camera must take both; and
@@ -128,12 +143,17 @@ void TriggerSetting::note_missing_level() {
          " had (chunk LineStatusAll): the display must keep time for a capture to be complete");
 }
 
-// A box's pulses do not bounce, and are as short as the shortest exposure.
+// A box's pulses do not bounce, and are as short as the shortest exposure. Those that a debouncer
+// swallows are missed frames, which the ledger finds.
 Result<void> TriggerSetting::set_no_debounce() {
-  if (settings_.trigger_line == kSoftwareTrigger) return {};
-  for (const char* name : kDebouncerNames)
-    if (features_.has(name))
-      if (auto set = set_least(name); !set) return set;
+  if (!is_line_told()) return {};
+  for (const char* name : kDebouncerNames) {
+    if (!features_.has(name)) continue;
+    const Result<void> set = set_least(name);
+    if (set) continue;
+    if (set.error().fault == Fault::kDeviceLost) return set;
+    note(set.error().detail);
+  }
   return {};
 }
 
@@ -148,7 +168,10 @@ Result<void> TriggerSetting::set_line_debounce() {
   if (features_.has("LineSelector"))
     if (auto set = features_.set_text("LineSelector", settings_.trigger_line); !set) return set;
   for (const char* name : kDebouncerNames) {
-    if (!features_.has(name)) continue;
+    if (!features_.has(name) || !features_.is_number(name)) continue;
+    const double tolerance_us = std::max(1.0, kDebounceRoundingFrac * wanted_us);
+    const Result<double> present_us = features_.number(name);
+    if (present_us && std::abs(*present_us - wanted_us) <= tolerance_us) return {};
     const auto bounds = features_.number_bounds(name);
     if (!bounds) return tl::unexpected(bounds.error());
     if (wanted_us < bounds->first || wanted_us > bounds->second)
@@ -157,9 +180,7 @@ Result<void> TriggerSetting::set_line_debounce() {
                          std::to_string(std::llround(bounds->first)) + " to " +
                          std::to_string(std::llround(bounds->second)) + " us, not " +
                          std::to_string(settings_.line_debounce.count()) + " us; " + remedy);
-    return advising(
-        features_.set_number(name, wanted_us, std::max(1.0, kDebounceRoundingFrac * wanted_us)),
-        remedy);
+    return advising(features_.set_number(name, wanted_us, tolerance_us), remedy);
   }
   if (settings_.line_debounce.count() > 0)
     note(name_of(settings_) + " has no LineDebouncerTime: an edge of " + settings_.trigger_line +
