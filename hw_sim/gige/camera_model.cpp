@@ -66,7 +66,11 @@ GvcpStatus CameraModel::write(std::uint32_t address, std::uint32_t value, rig::H
   GvcpStatus status = registers_.check_write(address, value);
   if (status == GvcpStatus::kSuccess) status = check_state(address, value);
   if (status != GvcpStatus::kSuccess) return status;
+  const int depth_before = pixel_format().bit_depth;
   registers_.set(address, value);
+  if (const int depth = pixel_format().bit_depth; depth != depth_before)
+    registers_.set_float(kBlackLevel,
+                         std::ldexp(registers_.get_float(kBlackLevel), depth - depth_before));
   apply(address, now);
   return status;
 }

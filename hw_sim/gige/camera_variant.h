@@ -17,6 +17,8 @@ struct CameraVariant {
   std::vector<std::string> refused_features;  // described, but reading them is an error
   // At power-up.
   float gain_db = 0;
+  float black_level_dn = 0;  // of the first pixel format, and scaled with the bits of others
+  float line_debounce_us = 0;
   std::array<float, kColourCount> balance_ratios{1, 1, 1};
   // The gain falls to the step below; 0: no steps.
   double gain_step_db = 0;

@@ -69,6 +69,7 @@ class GigeDevice::Impl {
   GigeDeviceCounters counters() const;
   float line_debounce_us() const;
   float gain_db() const;
+  float black_level_dn() const;
   float balance_ratio(std::size_t colour) const;
 
   GigeFaults faults;
@@ -249,6 +250,11 @@ GigeDeviceCounters GigeDevice::Impl::counters() const {
 float GigeDevice::Impl::gain_db() const {
   const std::lock_guard lock(mutex_);
   return model_.registers().get_float(kGain);
+}
+
+float GigeDevice::Impl::black_level_dn() const {
+  const std::lock_guard lock(mutex_);
+  return model_.registers().get_float(kBlackLevel);
 }
 
 float GigeDevice::Impl::balance_ratio(std::size_t colour) const {
@@ -541,6 +547,7 @@ GigeDeviceCounters GigeDevice::counters() const { return impl_->counters(); }
 float GigeDevice::line_debounce_us() const { return impl_->line_debounce_us(); }
 
 float GigeDevice::gain_db() const { return impl_->gain_db(); }
+float GigeDevice::black_level_dn() const { return impl_->black_level_dn(); }
 float GigeDevice::balance_ratio(std::size_t colour) const { return impl_->balance_ratio(colour); }
 
 }  // namespace hw_sim

@@ -73,6 +73,7 @@ class GigeDevice {
   GigeDeviceCounters counters() const;
   float line_debounce_us() const;  // LineDebouncerTime, as it was written
   float gain_db() const;
+  float black_level_dn() const;
   float balance_ratio(std::size_t colour) const;  // of red, green, blue
 
  private:

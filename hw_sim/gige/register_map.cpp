@@ -385,6 +385,9 @@ RegisterMap::RegisterMap(const DeviceDescription& description)
     set(kPixelFormat, format->code);
   set_float(kExposureTime, 10'000);
   set_float(kGain, description.variant.gain_db);
+  set_float(kBlackLevel, description.variant.black_level_dn);
+  if (description.has_debouncer)
+    set_time_us(kLineDebouncerTime, description.variant.line_debounce_us);
   if (is_writable(kTriggerDelay)) set_time_us(kTriggerDelay, kLeftTriggerDelay_us);
   if (is_writable(kLineInverter)) set(kLineInverter, 1);
   set(kChunkEnable, 1);  // ChunkSelector stands at Image, which is always on

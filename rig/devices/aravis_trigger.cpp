@@ -149,10 +149,16 @@ Result<void> TriggerSetting::set_no_debounce() {
   if (!is_line_told()) return {};
   for (const char* name : kDebouncerNames) {
     if (!features_.has(name)) continue;
+    const Result<double> was_us = features_.number(name);
     const Result<void> set = set_least(name);
-    if (set) continue;
-    if (set.error().fault == Fault::kDeviceLost) return set;
-    note(set.error().detail);
+    if (!set && set.error().fault == Fault::kDeviceLost) return set;
+    if (!set) note(set.error().detail + "; shorter pulses of the trigger box are lost");
+    const Result<double> is_us = features_.number(name);
+    if (was_us && is_us && *is_us < *was_us)
+      note(name_of(settings_) + " had " + name + " " + shown(*was_us) + " us, now " +
+           shown(*is_us) +
+           " us: the trigger box's pulses are short and clean; if its line rings, " +
+           "mend the cable");
   }
   return {};
 }
