@@ -141,8 +141,8 @@ void SimProjector::tell_of_swap(std::uint64_t show_id) {
 
 void SimProjector::light(rig::HostTime when, const rig::ShowRequest& request,
                          const FlipFaults& faults) {
-  // Late pictures follow each other as they were scanned out.
-  latest_light_ = std::max(latest_light_ + timing_.refresh_interval, when);
+  // Behind a late picture the others come as they were scanned out.
+  latest_light_ = when >= latest_light_ ? when : latest_light_ + timing_.refresh_interval;
   timeline_.schedule(latest_light_, [this, picture = compose(request), request, faults] {
     lit_ = picture;
     if (is_plugged_in_) on_light_(after_gamma(picture), request.is_square_light, faults);
