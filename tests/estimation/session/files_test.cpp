@@ -88,7 +88,7 @@ TEST(WriteFileAtomically, WritesAndReplaces) {
   for (const std::string& content :
        {std::string("first, longer"), std::string("second"), std::string()}) {
     ASSERT_TRUE(write_file_atomically(path, bytes_of(content)));
-    EXPECT_EQ(read_text(path), content);
+    EXPECT_EQ(text_of(path), content);
     EXPECT_EQ(file_count(folder.path()), 1U);
   }
 }
@@ -114,7 +114,7 @@ TEST(WriteFileAtomically, ALinkUnderTheTemporaryNameIsNotWrittenThrough) {
   write_text(folder.path() / "precious", "p");
   fs::create_symlink("precious", folder.path() / "a.bin.tmp");
   EXPECT_FALSE(write_file_atomically(folder.path() / "a.bin", bytes_of("x")));
-  EXPECT_EQ(read_text(folder.path() / "precious"), "p");
+  EXPECT_EQ(text_of(folder.path() / "precious"), "p");
 }
 
 // A limit on file sizes makes write() fail half-way, as a full disk does.
@@ -149,7 +149,7 @@ TEST(WriteFileAtomically, AWriteThatFailsHalfWayLeavesTheOldFileAndNothingElse) 
     EXPECT_EQ(written.error().fault, InputFault::kUnwritable);
     EXPECT_EQ(written.error().file, path.string());
   }
-  EXPECT_EQ(read_text(path), "old");
+  EXPECT_EQ(text_of(path), "old");
   EXPECT_EQ(file_count(folder.path()), 1U);
 }
 

@@ -251,7 +251,7 @@ TEST(Maps, MapsOfAnEarlierRunDoNotSurviveAsIfTheyWereCurrent) {
 TEST(Maps, ADiskThatFillsUpLeavesTheOldMapsAsTheyWere) {
   const TemporaryFolder folder;
   ASSERT_TRUE(write_maps(folder.path(), RandomMaps(10).full(3)));
-  const std::string sigma_a = read_text(folder.path() / "sigma_a.exr");
+  const std::string sigma_a = text_of(folder.path() / "sigma_a.exr");
   const std::set<std::string> names = names_in(folder.path());
   {
     // sigma_a.exr and others of three channels fit, uncertainty.exr does not.
@@ -261,7 +261,7 @@ TEST(Maps, ADiskThatFillsUpLeavesTheOldMapsAsTheyWere) {
     EXPECT_EQ(written.error().fault, InputFault::kUnwritable);
     EXPECT_FALSE(write_maps(folder.path() / "new", RandomMaps(11).full(3)));
   }
-  EXPECT_EQ(read_text(folder.path() / "sigma_a.exr"), sigma_a);
+  EXPECT_EQ(text_of(folder.path() / "sigma_a.exr"), sigma_a);
   EXPECT_EQ(names_in(folder.path()), names);
 }
 
@@ -308,7 +308,7 @@ TEST(Exr, AFileCutAnywhereIsAnError) {
   const fs::path path = folder.path() / "a.exr";
   const Image<float> plane = RandomMaps(7).plane();
   ASSERT_TRUE(write_exr(path, {{"Y", plane.view()}}, {{"unit", "mm"}}));
-  const std::string whole = read_text(path);
+  const std::string whole = text_of(path);
   for (std::size_t size = 0; size < whole.size(); size += 1 + size / 16) {
     write_text(path, whole.substr(0, size));
     const auto read = read_exr(path);
@@ -324,7 +324,7 @@ TEST(Exr, RandomDamageNeverEndsTheProgram) {
   const TemporaryFolder folder;
   const fs::path path = folder.path() / "a.exr";
   ASSERT_TRUE(write_exr(path, {{"Y", RandomMaps(8).plane().view()}}, {{"unit", "mm"}}));
-  const std::string whole = read_text(path);
+  const std::string whole = text_of(path);
   std::mt19937_64 random(9);
   for (int draw = 0; draw < 500; ++draw) {
     std::string damaged = whole;
@@ -343,7 +343,7 @@ TEST(Exr, AHeaderThatAsksForTooMuchIsRefused) {
   const TemporaryFolder folder;
   const fs::path path = folder.path() / "a.exr";
   ASSERT_TRUE(write_exr(path, {{"Y", RandomMaps(10).plane().view()}}, {}));
-  std::string bytes = read_text(path);
+  std::string bytes = text_of(path);
   // The attribute: name, type, size 16, then x and y of both corners.
   const std::size_t window = bytes.find(std::string("dataWindow\0box2i\0\x10\0\0\0", 21));
   ASSERT_NE(window, std::string::npos);

@@ -19,7 +19,7 @@ inline std::filesystem::path example_session() { return SSRIG_SESSION_EXAMPLE; }
 
 using test_support::TemporaryFolder;
 
-inline std::string read_text(const std::filesystem::path& path) {
+inline std::string text_of(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
   return {std::istreambuf_iterator<char>(file), {}};
 }
@@ -41,7 +41,7 @@ inline void write_bytes(const std::filesystem::path& path, const std::vector<std
 }
 
 inline nlohmann::json example_document() {
-  return nlohmann::json::parse(read_text(example_session() / "session.json"));
+  return nlohmann::json::parse(text_of(example_session() / "session.json"));
 }
 
 // A copy of the example that a test may break.

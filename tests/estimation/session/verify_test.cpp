@@ -88,7 +88,7 @@ TEST(Verify, AFrameBehindALinkOutOfTheFolderIsNamed) {
 
 TEST(Verify, HashesAreChecked) {
   BreakableSession session;
-  const auto bytes = bytes_of(read_text(session.path() / "frames/000_0.tiff"));
+  const auto bytes = bytes_of(text_of(session.path() / "frames/000_0.tiff"));
   session.document()["frames"][0]["sha256"] = sha256_hex(bytes);
   session.save();
   EXPECT_EQ(verified(session.path()).checked_hash_count, 1);
