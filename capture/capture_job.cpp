@@ -325,7 +325,7 @@ std::optional<CaptureJob::Shortfall> CaptureJob::retake_wrong(Devices devices,
     if (run.outcome != Outcome::kComplete) {
       std::string message = summary(run, plan_.slot_count());
       if (run.outcome == Outcome::kFailed)
-        message = wrong_picture_text(pictures.check) + "; taken again: " + message;
+        message = wrong_picture_text(pictures.check).append("; taken again: ").append(message);
       return Shortfall{state_of(run.outcome), exit_code_of(run), message,
                        describe(run.failure, take)};
     }

@@ -275,6 +275,7 @@ estimation::MotionReport MotionWatch::judge(const estimation::MotionRules& rules
 estimation::MotionReport MotionWatch::judge(const std::vector<Told>& told,
                                             const estimation::MotionRules& rules) const {
   std::vector<estimation::Repeat> repeats;
+  repeats.reserve(told.size());
   for (const Told& each : told) repeats.push_back(each.repeat);
   std::vector<estimation::SeenFrame> seen;
   for (const auto& [slot, frame] : seen_) seen.push_back(frame);

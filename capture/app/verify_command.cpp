@@ -55,7 +55,7 @@ void check_pictures_of(const std::string& session, estimation::VerifyReport& rep
   for (const auto& each : check->unchecked) patterns[each.why].insert(each.pattern);
   for (const auto& [why, numbers] : patterns) {
     std::string text = "not checked for what they show:";
-    for (const int number : numbers) text += " " + std::to_string(number);
+    for (const int number : numbers) text.append(" ").append(std::to_string(number));
     report.notes.push_back(text + " (" + why + ")");
   }
 }

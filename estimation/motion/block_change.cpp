@@ -46,6 +46,7 @@ std::vector<std::optional<BlockChange>> block_changes(const std::vector<Alignmen
     if (block.cell_count > 0) variances.push_back(block.squares / block.cell_count);
   const double variance = kCellsShared * median_of(std::move(variances));
   std::vector<std::optional<BlockChange>> changes;
+  changes.reserve(sums.size());
   for (const AlignmentSums& block : sums) changes.push_back(block_change(block, whole, variance));
   return changes;
 }
@@ -85,7 +86,9 @@ std::vector<LocalChange> find_local_changes(const std::vector<std::optional<Bloc
         place.change_frac = change.light_frac, place.sd_frac = change.light_sd_frac;
       for (int r = std::max(0, row - 1); r <= std::min(blocks.rows - 1, row + 1); ++r) {
         for (int c = std::max(0, col - 1); c <= std::min(blocks.cols - 1, col + 1); ++c) {
-          const auto neighbour = static_cast<std::size_t>(r * blocks.cols + c);
+          const auto neighbour =
+              static_cast<std::size_t>(r) * static_cast<std::size_t>(blocks.cols) +
+              static_cast<std::size_t>(c);
           if (!is_changed[neighbour]) continue;
           is_changed[neighbour] = false;
           members.push_back(neighbour);

@@ -255,6 +255,7 @@ std::vector<BriefChange> joined(const BlockGrid& grid, const std::vector<SeenFra
     at->second = std::min(at->second, frame.elapsed_s);
   }
   std::vector<std::pair<double, int>> order;
+  order.reserve(shown_s.size());
   for (const auto& [pattern, elapsed_s] : shown_s) order.emplace_back(elapsed_s, pattern);
   std::sort(order.begin(), order.end());
   std::vector<BriefChange> all;
@@ -300,7 +301,8 @@ BlockGrid block_grid(const CameraInfo& camera, Axis axis, double period_px) {
 
 std::vector<float> block_light(const CameraInfo& camera, const BlockGrid& grid,
                                ImageView<const std::uint16_t> frame_dn) {
-  const auto samples_across = static_cast<std::size_t>(grid.width_px * frame_dn.channel_count);
+  const auto samples_across =
+      static_cast<std::size_t>(grid.width_px) * static_cast<std::size_t>(frame_dn.channel_count);
   const auto cols = static_cast<std::size_t>(grid.cols);
   const auto limit = static_cast<std::uint32_t>(std::clamp(clip_level_dn(camera), 0.0, 65535.0));
   const double sample_count = static_cast<double>(samples_across) * grid.height_px;

@@ -19,7 +19,7 @@ PictureBlocks find_lit_blocks(const Picture& picture, int blocks_across, int sma
   blocks.side = std::max(smallest_side, width / blocks_across);
   blocks.rows = std::max(1, height / blocks.side);
   blocks.cols = std::max(1, width / blocks.side);
-  const auto count = static_cast<std::size_t>(blocks.rows * blocks.cols);
+  const auto count = static_cast<std::size_t>(blocks.rows) * static_cast<std::size_t>(blocks.cols);
   std::vector<double> sums(count), counts(count);
   for (int row = 0; row < height; ++row) {
     for (int col = 0; col < width; ++col) {

@@ -160,7 +160,7 @@ class ShiftCheck {
   // Judges the frames that are furthest off, each by a fit of all others; one that is wrong leaves
   // the series. False: all are right.
   bool find_worst() {
-    constexpr std::size_t kFewest = 2 * (2 * kShiftHarmonics), kMostSuspects = 4;
+    constexpr std::size_t kFewest = 4U * kShiftHarmonics, kMostSuspects = 4;
     const auto all = series_.frames.size() < kFewest ? std::nullopt : measure(std::nullopt);
     if (!all) {
       check_ = refuse(

@@ -305,6 +305,7 @@ std::vector<Register> line_registers(const DeviceDescription& description) {
                            description.variant.has_integer_times));
   if (!description.variant.has_line_selector) return rows;
   std::vector<std::string_view> selected;
+  selected.reserve(rows.size());
   for (const Register& row : rows) selected.push_back(row.name);
   rows.push_back(enumeration(kLineSelector, "LineSelector", "DigitalIOControl",
                              {{"Line0", value_of(Line::kLine0)}, {"Line1", value_of(Line::kLine1)}},
