@@ -56,7 +56,7 @@ void check_pictures_of(const std::string& session, estimation::VerifyReport& rep
   for (const auto& [why, numbers] : patterns) {
     std::string text = "not checked for what they show:";
     for (const int number : numbers) text.append(" ").append(std::to_string(number));
-    report.notes.push_back(text + " (" + why + ")");
+    report.notes.push_back(text.append(" (").append(why).append(")"));
   }
 }
 
