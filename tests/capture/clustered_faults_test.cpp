@@ -5,21 +5,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "tests/capture/expect_promise.h"
+
 namespace capture {
 namespace {
 
 using enum hw_sim::FaultKind;
 using std::chrono::microseconds;
 using std::chrono::milliseconds;
-
-void expect_promise(const Trial& trial) {
-  EXPECT_EQ(trial.wrong_frame_count, 0);
-  EXPECT_FALSE(trial.is_falsely_complete);
-  EXPECT_FALSE(trial.is_hung);
-  if (trial.outcome == Outcome::kFailed) {
-    EXPECT_FALSE(trial.text.empty());
-  }
-}
 
 Cluster cluster_on(rig::SyncMode sync, int shorter_ms, int longer_ms) {
   Cluster cluster;

@@ -8,19 +8,11 @@
 #include <iterator>
 #include <random>
 
+#include "tests/capture/expect_promise.h"
 #include "tests/capture/random_faults.h"
 
 namespace capture {
 namespace {
-
-void expect_promise(const Trial& trial) {
-  EXPECT_EQ(trial.wrong_frame_count, 0);
-  EXPECT_FALSE(trial.is_falsely_complete);
-  EXPECT_FALSE(trial.is_hung);
-  if (trial.outcome == Outcome::kFailed) {
-    EXPECT_FALSE(trial.text.empty());
-  }
-}
 
 TEST(FaultMatrix, KeepsThePromiseAndIsTheTableOfTheReadme) {
   const std::vector<MatrixCell> cells = run_fault_matrix();
